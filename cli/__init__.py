@@ -1,0 +1,1 @@
+"""The command line: composes the shells below, and nothing else."""
