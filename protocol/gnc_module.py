@@ -1,0 +1,211 @@
+"""What a `gnc_module` says on its RS-422 link: commands, replies, raw samples, product constants.
+
+A frame's layout is in `protocol/frames.py`. A reply's type is its command's type with bit 7 set and
+its sequence is the command's; the first payload byte of every reply is a `ReplyStatus`. A self-test
+is answered twice: at once with ACCEPTED (or BUSY, UNKNOWN), and with DONE and its values when it has
+run its fixed time. All numbers are little endian. The product follows paper 1, Tables 1 and 3.
+"""
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+PRODUCT = "gnc_module"
+BAUD_RATE = 921_600
+
+
+class FrameType(IntEnum):
+    """Frame types from the host; replies have bit 7 set."""
+
+    IDENTIFY = 0x01
+    SELF_TEST = 0x02
+    START_STREAM = 0x03
+    STOP_STREAM = 0x04
+    WRITE_COEFFICIENTS = 0x05
+    READ_COEFFICIENTS = 0x06
+    RESET = 0x07
+    ECHO = 0x08
+    STREAM_SAMPLE = 0x20
+
+
+REPLY_BIT = 0x80
+
+
+class ReplyStatus(IntEnum):
+    """First byte of every reply."""
+
+    DONE = 0
+    ACCEPTED = 1
+    BUSY = 2
+    UNKNOWN = 3
+    INVALID = 4
+    FLASH_ERROR = 5
+
+
+class SelfTest(IntEnum):
+    """The unit's self-tests. Payload of SELF_TEST: test u8, argument u32.
+
+    Payload of the DONE reply: status u8, test u8, argument u32, then the values named here.
+    """
+
+    CPU = 1  # u32 operations done, u32 operations wrong (read-back and + − × ÷)
+    TIMER = 2  # argument: period in µs (500, 1000, 2000, 5000); u32 interrupts counted.
+    # While it runs, TIMER_OUT carries a square wave of that period by the unit's own crystal.
+    INTERNAL_RAM = 3  # memories: u32 words tested, u32 words wrong, u32 first wrong address
+    SDRAM = 4
+    SPI_FLASH = 5
+    INTERNAL_FLASH = 6
+    IMU = 7  # f32 means: gyro x y z rad/s, acc x y z m/s², temp °C; f32 standard deviations of the six
+    GNSS = 8  # u8 fix (0 none, 3 three-dimensional), u8 satellites used, u16 reserved,
+    # f64 latitude rad, f64 longitude rad, f32 height m, f32 speed m/s, f32 pulse-per-second error s
+    AD = 9  # 8 × f32 V: channels 1–3 are the magnetometer's outputs, 4–8 the routed inputs
+    IO = 10  # argument: output line | input line << 8 (0–3); u32 patterns sent, u32 patterns wrong
+    SPI = 11  # looked at through the four IO lines; u32 bytes sent, u32 bytes wrong
+    CAN = 12  # arms the CAN echo for the time of the test; u32 frames echoed
+
+
+RESOURCE_OF_TEST = {
+    SelfTest.CPU: "processor",
+    SelfTest.TIMER: "processor",
+    SelfTest.INTERNAL_RAM: "processor",
+    SelfTest.SDRAM: "processor",
+    SelfTest.SPI_FLASH: "processor",
+    SelfTest.INTERNAL_FLASH: "processor",
+    SelfTest.IMU: "imu",
+    SelfTest.GNSS: "gnss",
+    SelfTest.AD: "ad",
+    SelfTest.IO: "io",
+    SelfTest.SPI: "io",
+    SelfTest.CAN: "can",
+}
+"""Tests of different resources run side by side; a second test on one resource is answered BUSY."""
+
+TEST_DURATION_S = {
+    SelfTest.CPU: 0.3,
+    SelfTest.TIMER: 0.1,
+    SelfTest.INTERNAL_RAM: 0.3,
+    SelfTest.SDRAM: 0.7,
+    SelfTest.SPI_FLASH: 0.6,
+    SelfTest.INTERNAL_FLASH: 0.4,
+    SelfTest.IMU: 1.0,
+    SelfTest.GNSS: 3.0,
+    SelfTest.AD: 0.1,
+    SelfTest.IO: 0.1,
+    SelfTest.SPI: 0.3,
+    SelfTest.CAN: 0.3,
+}
+"""Fixed times of the product. One after the other (4 timers, 5 AD positions, 2 IO pairs) with boot and
+static tests they make the 8–10 s of paper 1, section 5.2."""
+
+BOOT_DURATION_S = 0.8
+TIMER_PERIODS_US = (500, 1000, 2000, 5000)
+
+RAIL_NOMINAL_V = {"5V": 5.0, "3V3": 3.3, "1V2": 1.2}
+SUPPLY_CURRENT_NOMINAL_A = 0.49
+
+# AD switch positions of the socket board: which source is routed to the channels 4–8, one at a time.
+AD_SWITCH_SOURCES = ("5V", "3V3", "1V2", "GND", "OPEN")
+AD_CHANNEL_OF_SOURCE = {"5V": 4, "3V3": 5, "1V2": 6, "GND": 7, "OPEN": 8}
+AD_OPEN_INPUT_V = 0.0
+
+GYRO_LSB_DEG_S = 0.0025
+GYRO_RANGE_DEG_S = 400.0
+ACC_LSB_G = 0.0005
+ACC_RANGE_G = 50.0
+MAG_LSB_GAUSS = 120e-6
+MAG_RANGE_GAUSS = 6.0
+TEMPERATURE_LSB_C = 0.01
+STREAM_RATES_HZ = (50, 100, 200, 400)
+
+SAMPLE_DTYPE = np.dtype(
+    [
+        ("counter", "<u4"),
+        ("time_us", "<u8"),
+        ("gyro", "<i4", (3,)),
+        ("acc", "<i4", (3,)),
+        ("mag", "<i4", (3,)),
+        ("temp", "<i2"),
+        ("status", "<u2"),
+    ]
+)
+"""Payload of STREAM_SAMPLE. `time_us`: the unit's clock since power-on, at the sampling instant."""
+
+
+class SampleStatus(IntEnum):
+    """Bits of a sample's status."""
+
+    COMPENSATED = 1
+    GYRO_SATURATED = 2
+    ACC_SATURATED = 4
+
+
+class Sensor(IntEnum):
+    """Which triad a set of coefficients is for."""
+
+    GYRO = 0
+    ACC = 1
+
+
+IDENTITY_LAYOUT = struct.Struct("<B32s16s16s")
+"""Reply to IDENTIFY: status, serial, firmware version, hardware revision (ASCII, zero padded)."""
+SELF_TEST_LAYOUT = struct.Struct("<BI")
+SELF_TEST_REPLY_HEAD = struct.Struct("<BBI")
+START_STREAM_LAYOUT = struct.Struct("<HB")
+"""Rate in Hz, flags (bit 0: compensated)."""
+COEFFICIENTS_LAYOUT = struct.Struct("<B9d3d")
+"""WRITE_COEFFICIENTS: sensor, K row by row (dimensionless), bias (rad/s or m/s²): u = K (y − b).
+The reply to READ_COEFFICIENTS is the status byte followed by the same."""
+
+CPU_VALUES = struct.Struct("<II")
+TIMER_VALUES = struct.Struct("<I")
+MEMORY_VALUES = struct.Struct("<III")
+IMU_VALUES = struct.Struct("<13f")
+GNSS_VALUES = struct.Struct("<BBHddfff")
+AD_VALUES = struct.Struct("<8f")
+IO_VALUES = struct.Struct("<II")
+CAN_VALUES = struct.Struct("<I")
+
+
+@dataclass(frozen=True)
+class PinPair:
+    """Two test points of the socket board and what lies between them in a healthy unit.
+
+    `nominal_ohm` with the relative spread of healthy units about it. Limits belong to the plan.
+    """
+
+    name: str
+    high: str
+    low: str
+    nominal_ohm: float
+
+
+CONTINUITY_PAIRS = (
+    PinPair("ground_1", "GND_1", "GND_2", 0.25),
+    PinPair("ground_2", "GND_3", "GND_4", 0.25),
+    PinPair("supply_5v", "5V_1", "5V_2", 0.20),
+    PinPair("rail_3v3", "3V3_1", "3V3_2", 0.30),
+    PinPair("rail_1v2", "1V2_1", "1V2_2", 0.30),
+    PinPair("layer_link_spi", "SPI_CLK_TOP", "SPI_CLK_BOTTOM", 0.40),
+    PinPair("layer_link_imu", "IMU_CS_TOP", "IMU_CS_BOTTOM", 0.40),
+    PinPair("layer_link_gnss", "GNSS_TX_TOP", "GNSS_TX_BOTTOM", 0.40),
+)
+INSULATION_PAIRS = (
+    PinPair("can_to_5v", "CAN_H", "5V_1", 200e6),
+    PinPair("can_to_ground", "CAN_H", "GND_1", 200e6),
+    PinPair("rs422_to_5v", "RS422_TXP", "5V_1", 200e6),
+    PinPair("rs422_to_ground", "RS422_TXP", "GND_1", 200e6),
+    PinPair("io_to_io", "IO_1", "IO_2", 200e6),
+    PinPair("case_to_ground", "CASE", "GND_1", 200e6),
+)
+IMPEDANCE_PAIRS = (
+    PinPair("supply_5v", "5V_1", "GND_1", 1200.0),
+    PinPair("rail_3v3", "3V3_1", "GND_1", 600.0),
+    PinPair("rail_1v2", "1V2_1", "GND_1", 150.0),
+)
+OPEN_CIRCUIT_OHM = 9.9e37
+"""What a multimeter answers for an overload (SCPI-99, 'positive infinity')."""
+
+TIMER_TEST_POINT = "TIMER_OUT"
+RIPPLE_TEST_POINT = "5V_1"

@@ -1,0 +1,84 @@
+"""What stations ask of clocks, links, instruments and stands; a driver is one class that offers it.
+
+The virtual and the real driver pass the same conformance tests. All times are the bench's, in s.
+"""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class BenchClock(Protocol):
+    """The bench's time. On hardware it is the wall clock; in the emulator it waits in lock-step."""
+
+    def now_s(self) -> float:
+        """Bench time."""
+        ...
+
+    def sleep_until(self, time_s: float) -> None:
+        """Let bench time pass. Raises SequenceAborted's cause when the sequence is aborted meanwhile."""
+        ...
+
+
+class PowerSupply(Protocol):
+    """A supply with a channel for each socket."""
+
+    def configure(self, channel: int, voltage_v: float, current_limit_a: float) -> None: ...
+
+    def switch(self, channel: int, on: bool) -> None: ...
+
+    def measure_voltage_v(self, channel: int) -> float: ...
+
+    def measure_current_a(self, channel: int) -> float: ...
+
+
+class Multimeter(Protocol):
+    """A multimeter whose inputs the socket board routes to two test points."""
+
+    def measure_resistance_ohm(self) -> float: ...
+
+    def measure_voltage_v(self) -> float: ...
+
+
+class Oscilloscope(Protocol):
+    """An oscilloscope whose input the socket board routes to a test point."""
+
+    def measure_period_s(self) -> float: ...
+
+    def measure_peak_to_peak_v(self) -> float: ...
+
+
+class SocketBoard(Protocol):
+    """The board under a socket: routing of test points, AD switch, presence contact."""
+
+    def route(self, high: str, low: str) -> None: ...
+
+    def open_all(self) -> None: ...
+
+    def set_ad_switch(self, source: str) -> None: ...
+
+    def unit_present(self) -> bool: ...
+
+
+class ThreeAxisTurntable(Protocol):
+    """Gimbal angles outer (about the vertical), middle, inner, in deg at the controller's own interface."""
+
+    def home(self) -> None: ...
+
+    def move_to(self, angles_deg: Sequence[float]) -> None:
+        """Move at the stand's own positioning rate; returns when in position."""
+        ...
+
+    def rotate(self, axis: str, angle_deg: float, duration_s: float, ramp_s: float) -> None:
+        """Turn an axis by an angle on a trapezoid of rate; returns when at rest."""
+        ...
+
+    def start_stream(self, rate_hz: float) -> None: ...
+
+    def stop_stream(self) -> NDArray[np.void]:
+        """The encoder samples since `start_stream`."""
+        ...
+
+    def stop(self) -> None: ...
