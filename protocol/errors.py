@@ -1,9 +1,9 @@
 """Errors that a person can act on: what is wrong, where, whose fault, what to do."""
 
-from enum import Enum
+from enum import StrEnum
 
 
-class Fault(str, Enum):
+class Fault(StrEnum):
     """Whose fault it is. Decides who is called, and whether a unit is blamed."""
 
     NONE = "none"

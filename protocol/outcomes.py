@@ -1,9 +1,9 @@
 """Outcomes of measurements and attempts, and the dispositions of units."""
 
-from enum import Enum
+from enum import StrEnum
 
 
-class Outcome(str, Enum):
+class Outcome(StrEnum):
     """How an attempt or a step ended. Only PASS lets a unit move on."""
 
     PASS = "PASS"
@@ -13,7 +13,7 @@ class Outcome(str, Enum):
     TIMEOUT = "TIMEOUT"
 
 
-class MeasurementOutcome(str, Enum):
+class MeasurementOutcome(StrEnum):
     """UNSET is a measurement that was declared and never taken: it is never a PASS."""
 
     PASS = "PASS"
@@ -22,7 +22,7 @@ class MeasurementOutcome(str, Enum):
     ERROR = "ERROR"
 
 
-class Disposition(str, Enum):
+class Disposition(StrEnum):
     """What becomes of a unit. RETEST: the unit is unchanged and goes to another socket."""
 
     IN_PROCESS = "IN_PROCESS"

@@ -1,0 +1,96 @@
+"""What the server asks of an emulated unit and an emulated stand. Both are pure: time comes in.
+
+The server owns the clock and the sockets; units and stands are state machines over bench time.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Environment:
+    """What acts on a unit at n moments, in its nominal body axes.
+
+    Attributes:
+        rate_rad_s: (n, 3) true inertial rate, Earth rate included.
+        specific_force_m_s2: (n, 3).
+        field_t: (n, 3) magnetic flux density.
+        temperature_c: (n,).
+    """
+
+    rate_rad_s: NDArray[np.float64]
+    specific_force_m_s2: NDArray[np.float64]
+    field_t: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+
+
+class Surroundings(Protocol):
+    """Where a unit sits: a level socket board, or a stand's table."""
+
+    def environment(self, times_s: NDArray[np.float64]) -> Environment:
+        """What acts on the unit at these bench times (n,), non-decreasing, up to now."""
+        ...
+
+
+@dataclass(frozen=True)
+class LinkOutput:
+    """Bytes (or one CAN frame) that leave a unit at a bench time."""
+
+    time_s: float
+    link: str  # 'rs422' or 'can'
+    data: bytes
+    can_id: int | None = None
+
+
+class EmulatedUnit(Protocol):
+    """A unit in a socket. Every method gets the bench time; calls never go back in time."""
+
+    def insert(self, surroundings: Surroundings, now_s: float) -> None:
+        """The unit is put into a socket, unpowered."""
+        ...
+
+    def set_supply(self, voltage_v: float, now_s: float) -> None:
+        """The voltage at the supply pins; below the brown-out voltage the unit is off and forgets."""
+        ...
+
+    def receive(self, link: str, data: bytes, now_s: float, can_id: int | None = None) -> None:
+        """Bytes on RS-422, or one CAN frame, arrive."""
+        ...
+
+    def next_event_s(self) -> float | None:
+        """When the unit will next do something by itself (an answer due, a stream's samples)."""
+        ...
+
+    def advance(self, to_s: float) -> list[LinkOutput]:
+        """Everything that leaves the unit in (last advance, to_s], in order of time.
+
+        Stream samples come in blocks, not one by one: a block's time is that of its last sample.
+        """
+        ...
+
+    def supply_current_a(self, now_s: float) -> float:
+        """True current drawn at the present supply voltage."""
+        ...
+
+    def resistance_ohm(self, high: str, low: str) -> float:
+        """True resistance between two test points, unpowered; inf when open."""
+        ...
+
+    def point_voltage_v(self, point: str, now_s: float) -> float:
+        """True DC voltage of a test point against GND_1."""
+        ...
+
+    def point_ripple_v(self, point: str, now_s: float) -> float:
+        """True peak-to-peak AC voltage of a test point."""
+        ...
+
+    def point_period_s(self, point: str, now_s: float) -> float | None:
+        """True period of a square wave at a test point; None when there is none."""
+        ...
+
+    def set_ad_source(self, source: str, voltage_v: float) -> None:
+        """The board's AD switch routes this source to its channel."""
+        ...
