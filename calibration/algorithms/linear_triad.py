@@ -1,0 +1,171 @@
+"""Least squares for y = M u + b with known inputs, and an honest covariance.
+
+For each output axis i: y_k = m_i . u_k + b_i + e_k, Cov(e) = V. Generalised least squares gives
+(m_i, b_i) and their covariance for one V. What is not known of V (the slow noise) is averaged over:
+each hypothesis counts with its prior times its restricted likelihood, and the covariance is the
+mean of the covariances plus the spread of the estimates (law of total variance).
+
+Restricted likelihood: Patterson & Thompson, Biometrika 58 (1971) 545.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
+from calibration.algorithms.noise_covariance import NoiseHypothesis, Observations
+from protocol.errors import CalibrationError, Fault
+
+MIN_EXCITATION = 0.1
+"""Smallest singular value of the runs' inputs, in units of the largest input, that carries a coefficient."""
+NAMED_PART = 0.3
+"""Part of the missing direction above which an axis is named."""
+MAX_CHI_SQUARE_SIGMAS = 3.0
+"""Residuals further above the noise than this widen the covariance (Birge ratio)."""
+EXCITATION_WORDS: dict[Quantity, str] = {
+    "acceleration": "specific force along body {axis}",
+    "angular_rate": "turn about body {axis}",
+}
+
+
+@dataclass(frozen=True)
+class LinearFit:
+    """A fit with its residuals.
+
+    Attributes:
+        coefficients: with covariance.
+        residuals: output less model of each observation, shape (k, 3), SI.
+        chi_square_ratio: chi-square per degree of freedom under the likeliest hypothesis.
+        likeliest: words of that hypothesis.
+        posterior: its weight among all, 0 … 1.
+    """
+
+    coefficients: TriadCoefficients
+    residuals: FloatArray
+    chi_square_ratio: float
+    likeliest: str
+    posterior: float
+
+
+def check_excitation(quantity: Quantity, true_input: FloatArray, where: str) -> None:
+    """Refuse inputs (runs, 3) that cannot carry a matrix and a bias, and name what is missing.
+
+    Raises:
+        CalibrationError: naming the input that is missing.
+    """
+    remedy_words = EXCITATION_WORDS[quantity]
+    largest = float(np.abs(true_input).max(initial=0.0))
+    if len(true_input) == 0 or largest == 0.0:
+        raise _degenerate("There is no input to calibrate against.", where, remedy_words.format(axis="x, y and z"))
+    design = np.column_stack([true_input / largest, np.ones(len(true_input))])
+    _, singular, directions = np.linalg.svd(np.vstack([design, np.zeros((4, 4))]), full_matrices=False)
+    if singular[-1] >= MIN_EXCITATION:
+        return
+    missing = directions[-1]
+    axes = [axis for axis, part in zip("xyz", missing[:3], strict=True) if abs(part) > NAMED_PART]
+    if abs(missing[3]) > NAMED_PART:
+        what = (
+            f"the bias and the scale factor of {', '.join(axes) or 'an axis'} cannot be told apart: the other "
+            "direction is missing"
+        )
+    else:
+        what = "nothing excites " + ", ".join(remedy_words.format(axis=axis) for axis in axes)
+    raise _degenerate(
+        f"The runs cannot carry nine matrix elements and three biases: {what} "
+        f"(smallest singular value {singular[-1]:.2g}, bound {MIN_EXCITATION:g}).",
+        where,
+        " and ".join(remedy_words.format(axis=f"{axis}, both ways") for axis in axes or ("x", "y", "z")),
+    )
+
+
+def fit_linear_triad(
+    quantity: Quantity, observations: Observations, hypotheses: tuple[NoiseHypothesis, ...], where: str
+) -> LinearFit:
+    """M, b and their covariance from observations with known inputs.
+
+    Args:
+        quantity: what the triad measures.
+        observations: means of outputs with true inputs.
+        hypotheses: covariances to weigh, prior weights adding up to 1.
+        where: names the data in errors.
+
+    Raises:
+        CalibrationError: the geometry is degenerate.
+    """
+    runs = np.arange(len(observations.run_names))
+    check_excitation(quantity, _run_means(observations.true_input, observations.run, runs), where)
+    design = np.column_stack([observations.true_input, np.ones(len(observations.output))])
+    solved = [_solve(design, observations.output, hypothesis.covariance) for hypothesis in hypotheses]
+    log_weights = np.array(
+        [np.log(h.prior) + s.log_likelihood for h, s in zip(hypotheses, solved, strict=True)]
+    )
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    best = int(weights.argmax())
+
+    estimates = np.array([s.estimate for s in solved])  # (h, 4, 3)
+    mean = np.einsum("h,hpi->pi", weights, estimates)
+    spread = estimates - mean
+    per_axis = np.einsum("h,hipq->ipq", weights, np.array([s.covariance for s in solved]))
+    per_axis += np.einsum("h,hpi,hqi->ipq", weights, spread, spread)
+
+    freedom = observations.output.size - mean.size
+    chi_square_ratio = solved[best].chi_square / freedom if freedom > 0 else 1.0
+    if freedom > 0 and chi_square_ratio > 1.0 + MAX_CHI_SQUARE_SIGMAS * np.sqrt(2.0 / freedom):
+        per_axis = per_axis * chi_square_ratio
+    residuals = observations.output - design @ mean
+    coefficients = TriadCoefficients(
+        quantity=quantity,
+        matrix=mean[:3].T,
+        bias=mean[3],
+        covariance=_assemble(per_axis),
+        residual_rms=float(np.sqrt((residuals**2).mean())),
+        degrees_of_freedom=max(freedom, 0),
+    )
+    return LinearFit(
+        coefficients, residuals, float(chi_square_ratio), hypotheses[best].words, float(weights[best])
+    )
+
+
+@dataclass(frozen=True)
+class _Solution:
+    estimate: FloatArray  # (4, 3): m_ix m_iy m_iz b_i in column i
+    covariance: FloatArray  # (3, 4, 4)
+    log_likelihood: float
+    chi_square: float
+
+
+def _solve(design: FloatArray, output: FloatArray, covariance: FloatArray) -> _Solution:
+    estimate = np.empty((4, 3))
+    parameter_covariance = np.empty((3, 4, 4))
+    log_likelihood = chi_square = 0.0
+    for axis in range(3):
+        factor = cho_factor(covariance[axis], lower=True)
+        weighted = cho_solve(factor, design)
+        normal = design.T @ weighted
+        parameter_covariance[axis] = np.linalg.inv(normal)
+        estimate[:, axis] = parameter_covariance[axis] @ (weighted.T @ output[:, axis])
+        residual = output[:, axis] - design @ estimate[:, axis]
+        axis_chi_square = float(residual @ cho_solve(factor, residual))
+        chi_square += axis_chi_square
+        log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
+        log_likelihood -= 0.5 * (axis_chi_square + log_determinant + float(np.linalg.slogdet(normal)[1]))
+    return _Solution(estimate, parameter_covariance, log_likelihood, chi_square)
+
+
+def _assemble(per_axis: FloatArray) -> FloatArray:
+    """(3, 4, 4) per output axis → (12, 12) in the order of `PARAMETER_NAMES`."""
+    full = np.zeros((12, 12))
+    for axis in range(3):
+        index = np.array([3 * axis, 3 * axis + 1, 3 * axis + 2, 9 + axis])
+        full[np.ix_(index, index)] = (per_axis[axis] + per_axis[axis].T) / 2.0
+    return full
+
+
+def _run_means(values: FloatArray, run: np.ndarray, runs: np.ndarray) -> FloatArray:
+    return np.array([values[run == index].mean(axis=0) for index in runs])
+
+
+def _degenerate(what: str, where: str, missing: str) -> CalibrationError:
+    return CalibrationError(what, where=where, fault=Fault.DATA, remedy=f"record also: {missing}.")
