@@ -27,6 +27,7 @@ class Stream:
         time: name of the time column.
         units: column → unit of measure, the time column included, in the order of the columns.
         columns: column → samples. NaN in a data column is a missing value; never in the time.
+        extra: keys of the stream in recording.json that the format does not name.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Stream:
     time: str
     units: Mapping[str, str]
     columns: Mapping[str, NDArray[Any]]
+    extra: Mapping[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.columns[self.time])
