@@ -4,7 +4,7 @@ The server owns the clock and the sockets; units and stands are state machines o
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,4 +93,67 @@ class EmulatedUnit(Protocol):
 
     def set_ad_source(self, source: str, voltage_v: float) -> None:
         """The board's AD switch routes this source to its channel."""
+        ...
+
+    def flash_image(self) -> dict[str, Any]:
+        """What the unit keeps without power, JSON-able: the third argument of `make_unit`."""
+        ...
+
+
+@dataclass(frozen=True)
+class StandRefusal:
+    """Why a stand does not do what it was told: the `ERR code text` of docs/bench.md."""
+
+    code: int
+    text: str
+
+
+@dataclass(frozen=True)
+class StandStatus:
+    """What `STAT?` says. Angles and rates are outer, middle, inner."""
+
+    state: str  # READY MOVING FAULT NOREF
+    angles_deg: tuple[float, float, float]
+    rates_deg_s: tuple[float, float, float]
+    temperature_c: float
+
+
+class EmulatedStand(Surroundings, Protocol):
+    """A three-axis turntable. Every command gets the bench time; calls never go back in time.
+
+    A command returns the time it will take in s, or a refusal and nothing has changed.
+    """
+
+    def home(self, now_s: float) -> float | StandRefusal:
+        """Find the reference marks and go to zero angles."""
+        ...
+
+    def move(self, angles_deg: tuple[float, float, float], now_s: float) -> float | StandRefusal:
+        """Go to absolute angles (whole turns count) at the positioning rate, all axes at once."""
+        ...
+
+    def rotate(
+        self, axis: str, angle_deg: float, duration_s: float, ramp_s: float, now_s: float
+    ) -> float | StandRefusal:
+        """Turn one axis ('outer', 'middle', 'inner') on a trapezoid of rate with equal ramps."""
+        ...
+
+    def stop(self, now_s: float) -> float:
+        """To rest at the acceleration limit."""
+        ...
+
+    def inject(self, fault: str, now_s: float) -> None:
+        """'door_open', 'lost_reference' or 'none'."""
+        ...
+
+    def status(self, now_s: float) -> StandStatus:
+        """The state now."""
+        ...
+
+    def limits(self) -> tuple[float, float, float, float, float, float]:
+        """Rates (deg/s) and accelerations (deg/s²) of outer, middle, inner."""
+        ...
+
+    def encoder_samples(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The stand's own reading at these times (n,), up to now: (n, 15), columns as in docs/bench.md."""
         ...

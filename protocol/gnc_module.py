@@ -116,6 +116,11 @@ ACC_LSB_G = 0.0005
 ACC_RANGE_G = 50.0
 MAG_LSB_GAUSS = 120e-6
 MAG_RANGE_GAUSS = 6.0
+MAG_SENSITIVITY_V_PER_GAUSS = 0.25
+"""Of the magnetometer's outputs at AD channels 1–3, about 0 V: ±6 gauss are ±1.5 V."""
+GNSS_ANTENNA_LATITUDE_DEG, GNSS_ANTENNA_LONGITUDE_DEG, GNSS_ANTENNA_HEIGHT_M = 34.2, 108.9, 430.0
+"""The surveyed roof antenna whose signal is repeated to the sockets of a functional bench: units in
+all sockets fix its position, not their own."""
 TEMPERATURE_LSB_C = 0.01
 STREAM_RATES_HZ = (50, 100, 200, 400)
 
