@@ -1,0 +1,23 @@
+# pyright: strict
+"""What a disk that refuses to keep a recording means for a person."""
+
+import errno
+from pathlib import Path
+
+from protocol.errors import Fault, RecordingError
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def storage_error(error: OSError, path: Path) -> RecordingError:
+    """The error to raise when writing a recording to `path` failed. Nothing was left there."""
+    full = error.errno in NO_ROOM
+    reason = error.strerror or str(error)
+    return RecordingError(
+        f"The recording could not be written: {reason}." + (" The disk is full." if full else ""),
+        where=str(path),
+        fault=Fault.STATION,
+        remedy="make room on this disk, then write it again."
+        if full
+        else "check that the folder exists and may be written, then write it again.",
+    )
