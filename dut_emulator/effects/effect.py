@@ -1,0 +1,161 @@
+# pyright: strict
+"""What an effect is, and how effects make a chain.
+
+An effect is a frozen object of parameters that changes samples (n, 3) of one sensor triad, in SI. Effects
+do not commute, so each belongs to a stage, and a chain applies them stage by stage:
+
+    mounting     how the triad sits: the input is turned
+    transducer   what the sensor makes of the input: scale, bias, noise
+    filter       bandwidth
+    quantiser    range, then quantum
+    transport    what the link does to finished samples
+
+What an effect carries from one chunk to the next lies in an `EffectState` that the caller keeps, and each
+effect of a chain draws from a generator of its own. Hence a run does not depend on how it was cut into
+chunks, and removing one effect leaves the others' noise as it was.
+
+Out of scope: effects that couple two triads' outputs (a gyro's g-sensitivity needs the specific force,
+which is in the stimulus).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.errors import Fault, TestloomError
+
+FloatArray = NDArray[np.float64]
+SensorName = Literal["gyro", "acc", "mag"]
+
+SI_UNIT: dict[SensorName, str] = {"gyro": "rad/s", "acc": "m/s^2", "mag": "T"}
+"""What `_si` at the end of a parameter's name stands for, by sensor."""
+
+
+class Stage(IntEnum):
+    """Where in the sensor an effect acts; a chain applies lower stages first."""
+
+    MOUNTING = 0
+    TRANSDUCER = 1
+    FILTER = 2
+    QUANTISER = 3
+    TRANSPORT = 4
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """What acted while the samples were taken; effects read from it, never write.
+
+    Attributes:
+        time_s: (n,) sampling instants.
+        temperature_c: (n,) of the sensor.
+        sample_period_s: the interval between samples, which must be uniform inside a chunk.
+    """
+
+    time_s: FloatArray
+    temperature_c: FloatArray
+    sample_period_s: float
+
+
+@dataclass
+class EffectState:
+    """What an effect remembers between chunks. Fresh at power-on.
+
+    Attributes:
+        last: (3,) last value of its own process; None before the first sample.
+        last_time_s: when that was.
+    """
+
+    last: FloatArray | None = None
+    last_time_s: float = 0.0
+
+
+class Effect(Protocol):
+    """A frozen object of parameters. `sensor` and the class's word make its name in the catalogue."""
+
+    word: ClassVar[str]
+    stage: ClassVar[Stage]
+
+    @property
+    def sensor(self) -> SensorName:
+        """Which triad it belongs to."""
+        ...
+
+    @property
+    def is_neutral(self) -> bool:
+        """True if these parameters change nothing."""
+        ...
+
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """The samples, (n, 3), after this effect. The input stays as it is; `state` is advanced.
+
+        `rng` is drawn from by stochastic effects only, in the order of the samples.
+        """
+        ...
+
+
+_FIELD_TERMS = {
+    ("gyro", "white_noise"): "angle_random_walk",
+    ("acc", "white_noise"): "velocity_random_walk",
+}
+"""One kind of effect with a name of its own for each sensor (IEEE 952, IEEE 1293)."""
+
+
+def name_of(effect: Effect) -> str:
+    """The effect's name, such as 'gyro.bias_instability' or 'acc.velocity_random_walk'."""
+    return f"{effect.sensor}.{_FIELD_TERMS.get((effect.sensor, effect.word), effect.word)}"
+
+
+@dataclass
+class ChainState:
+    """The memory of a chain: one state and one generator for each effect."""
+
+    states: dict[str, EffectState] = field(default_factory=dict[str, EffectState])
+    generators: dict[str, np.random.Generator] = field(default_factory=dict[str, np.random.Generator])
+
+
+class EffectChain:
+    """The effects of one triad in their order of stages; inside a stage, in the order given.
+
+    Raises:
+        TestloomError: effects of two sensors, or one effect twice.
+    """
+
+    def __init__(self, effects: Iterable[Effect]) -> None:
+        self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
+        self.names = tuple(name_of(effect) for effect in self.effects)
+        if len({effect.sensor for effect in self.effects}) > 1 or len(set(self.names)) < len(self.names):
+            raise TestloomError(
+                f"The effects {', '.join(self.names)} do not make one sensor's chain.",
+                where="effect chain",
+                fault=Fault.DATA,
+                remedy="give effects of one sensor, each once.",
+            )
+
+    def with_effect(self, effect: Effect) -> "EffectChain":
+        """This chain with one effect more, or with this one in place of that of the same name."""
+        kept = (other for other in self.effects if name_of(other) != name_of(effect))
+        return EffectChain((*kept, effect))
+
+    def begin(self, seed: np.random.SeedSequence) -> ChainState:
+        """The memory of a chain at power-on. The same seed gives the same noise."""
+        generators = {
+            name: np.random.Generator(
+                np.random.SFC64(
+                    np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *name.encode()))
+                )
+            )
+            for name in self.names
+        }
+        return ChainState({name: EffectState() for name in self.names}, generators)
+
+    def apply(self, samples: FloatArray, stimulus: Stimulus, memory: ChainState) -> FloatArray:
+        """All effects, one after the other: (n, 3) → (n, 3). The input is not changed."""
+        for name, effect in zip(self.names, self.effects, strict=True):
+            samples = effect.apply(samples, stimulus, memory.generators[name], memory.states[name])
+        return samples
