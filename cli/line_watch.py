@@ -1,0 +1,180 @@
+"""Watching a line at work: orders units, shows progress, keeps its processes up."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+
+from cli.line_client import LineClient, line_client
+from cli.line_display import live_view, progress_line, summary_lines, units_table, yield_table
+from cli.line_layout import LineLayout
+from cli.process_group import ProcessGroup
+from protocol.adapters.zenoh_link import NoReplyError
+from protocol.attempts import UnitIdentity
+from protocol.errors import Fault, TestloomError
+from protocol.language import say
+from protocol.line_views import GetLineStatus, LineStatus, OrderAccepted, OrderUnits
+from protocol.routes import GNC_MODULE_ROUTE
+
+POLL_S = 0.3
+LOG_PERIOD_S = 3.0
+MAX_STORY = 100
+STATUS_PATIENCE_S = 0.0
+
+
+class LineWatch:
+    """The eyes of `testloom up`. Every wait tends the processes and is bounded."""
+
+    def __init__(self, layout: LineLayout, group: ProcessGroup, *, quiet: bool) -> None:
+        self._layout = layout
+        self._group = group
+        self._console = Console(quiet=quiet, highlight=False)
+        self._story: list[str] = []
+        self._started_s = time.monotonic()
+        self._last_logged_s = 0.0
+        self._restarts: dict[str, int] = {}
+
+    def announce(self) -> None:
+        """Say where everything is."""
+        self._console.print(say("Everything of this run is in {directory}", directory=self._layout.directory))
+        if self._layout.dashboard_port is not None:
+            address = f"http://127.0.0.1:{self._layout.dashboard_port}"
+            self._console.print(say("The line's page: {address}", address=address))
+
+    def order(self, units: int, timeout_s: float) -> OrderUnits:
+        """Put a lot on the line as soon as the coordinator answers.
+
+        Raises:
+            TestloomError: the line did not come up in time.
+        """
+        lot = f"L{self._layout.seed}"
+        route = GNC_MODULE_ROUTE
+        identities = tuple(
+            UnitIdentity(serial=f"GM-{self._layout.seed}-{number:04d}", product=route.product, lot=lot)
+            for number in range(1, units + 1)
+        )
+        order = OrderUnits(order_id=f"order-{lot}", route=route, units=identities)
+        with self._client(timeout_s) as client:
+            self._ask_until_answered(lambda: client.ask(order, OrderAccepted, 0.0), timeout_s)
+        return order
+
+    def until_finished(self, timeout_s: float) -> LineStatus:
+        """Watch until every unit has its disposition.
+
+        Raises:
+            TestloomError: the line made no end in time, or a process died too often.
+        """
+        with ExitStack() as stack:
+            client = stack.enter_context(self._client(timeout_s))
+            live: Live | None = None
+            if self._console.is_terminal and not self._console.quiet:
+                live = stack.enter_context(Live(console=self._console, refresh_per_second=4, transient=True))
+            deadline_s = time.monotonic() + timeout_s
+            while time.monotonic() < deadline_s:
+                status = self._status(client)
+                if status is not None:
+                    self._show(status, live)
+                    if status.finished:
+                        return status
+                self._tend()
+                time.sleep(POLL_S)
+        raise self._came_to_no_end(timeout_s)
+
+    def until_spools_are_empty(self, timeout_s: float) -> None:
+        """Give the stations the time to have their last records acknowledged."""
+        from stations.spool import unacknowledged_count
+
+        deadline_s = time.monotonic() + timeout_s
+        while time.monotonic() < deadline_s:
+            if not any(unacknowledged_count(self._layout.spool(name)) for name in self._layout.stations()):
+                return
+            self._tend()
+            time.sleep(POLL_S)
+
+    def until_interrupted(self) -> None:
+        """Keep the line up for people to look at. Ctrl-C ends it, and that is no error."""
+        self._console.print(say("All units are done. The line stays up; end it with Ctrl-C."))
+        try:
+            while True:
+                self._tend()
+                time.sleep(POLL_S)
+        except KeyboardInterrupt:
+            return
+
+    def show_result(self, status: LineStatus, result: dict[str, Any]) -> None:
+        """The final tables."""
+        summary = result["summary"]
+        self._console.print(units_table(status.units, result["truths"]))
+        self._console.print(yield_table(status.yield_report))
+        for line in summary_lines(summary):
+            self._console.print(line)
+        for name, count in self._restarts.items():
+            self._console.print(say("{name} was started again {count} times", name=name, count=count))
+        self._console.print(
+            say(
+                "{wall:.1f} s from the start of the line. Records: {database}; raw data: {recordings}",
+                wall=summary["wall_s"],
+                database=self._layout.database_url,
+                recordings=self._layout.recordings,
+            )
+        )
+
+    @contextmanager
+    def _client(self, timeout_s: float) -> Iterator[LineClient]:
+        with line_client(self._layout.line, self._layout.router_endpoint, timeout_s) as client:
+            yield client
+
+    def _ask_until_answered(self, ask: Callable[[], object], timeout_s: float) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                ask()
+                return
+            except NoReplyError:
+                if time.monotonic() >= deadline_s:
+                    raise self._came_to_no_end(timeout_s) from None
+            self._tend()
+            time.sleep(POLL_S)
+
+    def _status(self, client: LineClient) -> LineStatus | None:
+        try:
+            return client.ask(GetLineStatus(), LineStatus, STATUS_PATIENCE_S)
+        except NoReplyError:
+            return None  # the router or the coordinator is being started again
+
+    def _show(self, status: LineStatus, live: Live | None) -> None:
+        elapsed_s = time.monotonic() - self._started_s
+        if live is not None:
+            live.update(live_view(status, elapsed_s, self._story))
+        elif elapsed_s - self._last_logged_s >= LOG_PERIOD_S or status.finished:
+            self._last_logged_s = elapsed_s
+            self._console.print(progress_line(status, elapsed_s))
+
+    def _tend(self) -> None:
+        news = self._group.tend()
+        self._story = (self._story + news)[-MAX_STORY:]
+        self._restarts = self._group.restarts()
+        if not self._console.is_terminal:
+            for line in news:
+                self._console.print(line)
+        given_up = self._group.given_up()
+        if given_up:
+            raise TestloomError(
+                f"These processes died too often: {', '.join(given_up)}.",
+                where=str(self._layout.directory / "logs"),
+                fault=Fault.TESTLOOM,
+                remedy="read the end of their logs.",
+                story=tuple(self._story[-5:]),
+            )
+
+    def _came_to_no_end(self, timeout_s: float) -> TestloomError:
+        return TestloomError(
+            f"The line did not get there within {timeout_s:.0f} s.",
+            where=str(self._layout.directory / "logs"),
+            fault=Fault.TESTLOOM,
+            remedy="read the logs; `testloom doctor` checks the machine.",
+            story=tuple(self._story[-5:]),
+        )

@@ -1,0 +1,131 @@
+"""`testloom`: the entry point. Chooses the language, mounts the commands, renders errors for people."""
+
+import sys
+import tempfile
+import traceback
+from pathlib import Path
+
+import typer
+from rich.console import Console
+from rich.text import Text
+
+from cli.process_group import end_with_parent
+from protocol.errors import TestloomError
+from protocol.language import LANGUAGES, choose_language, say
+
+EXIT_ERROR = 1
+EXIT_INTERRUPTED = 130
+
+
+def run() -> None:
+    """The console script: runs a command and ends the process with its exit code."""
+    end_with_parent()
+    sys.exit(main(sys.argv[1:]))
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command line. Returns the exit code; never raises for what a user can cause."""
+    try:
+        remaining = _take_language(arguments)
+        return build_app()(args=remaining, prog_name="testloom", standalone_mode=True) or 0
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else EXIT_ERROR
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except TestloomError as error:
+        show_error(error)
+        return EXIT_ERROR
+    except Exception as error:  # noqa: BLE001 - the last wall: a user gets a sentence and a file, not a traceback
+        _show_unexpected(error)
+        return EXIT_ERROR
+
+
+def build_app() -> typer.Typer:
+    """All commands. Built after the language is chosen, since help texts are words for people."""
+    from cli.bench_commands import bench
+    from cli.calibrate_command import calibrate
+    from cli.coordinator_commands import coordinator, order, show_yield, status, unit
+    from cli.dashboard_command import dashboard
+    from cli.doctor_command import doctor
+    from cli.recording_commands import app as recording_app
+    from cli.router_command import router
+    from cli.station_commands import station
+    from cli.up_command import up
+
+    app = typer.Typer(
+        help=say("Production test for inertial sensors and GNC modules."),
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        add_completion=False,
+    )
+
+    @app.callback()
+    def options(
+        lang: str = typer.Option("en", "--lang", envvar="TESTLOOM_LANG", help=say("Language: en or zh.")),
+    ) -> None:
+        del lang  # taken before the commands were built
+
+    for command in (up, router, coordinator, bench, station, dashboard, order, status, unit):
+        app.command()(command)
+    app.command("yield")(show_yield)
+    app.command()(calibrate)
+    app.command()(doctor)
+    app.add_typer(recording_app, name="recording")
+    return app
+
+
+def show_error(error: TestloomError) -> None:
+    """Print what is wrong, where, whose fault it is and what to do, to standard error."""
+    console = Console(stderr=True, highlight=False)
+    console.print(Text(say(error.what), style="bold red"))
+    for label, words in (
+        (say("Where"), error.where),
+        (say("Fault"), say(error.fault.value)),
+        (say("What to do"), say(error.remedy) if error.remedy else ""),
+        (say("Before that"), "; ".join(error.story)),
+    ):
+        if words:
+            console.print(Text(f"  {label}: {words}"))
+
+
+def _take_language(arguments: list[str]) -> list[str]:
+    """Choose the language of `--lang X` wherever it stands, and take it out of the arguments."""
+    remaining: list[str] = []
+    position = 0
+    while position < len(arguments):
+        argument = arguments[position]
+        if argument == "--lang" and position + 1 < len(arguments):
+            _choose(arguments[position + 1])
+            position += 2
+            continue
+        if argument.startswith("--lang="):
+            _choose(argument.removeprefix("--lang="))
+        else:
+            remaining.append(argument)
+        position += 1
+    return remaining
+
+
+def _choose(language: str) -> None:
+    if language not in LANGUAGES:
+        raise TestloomError(
+            f"The language '{language}' is not spoken here.",
+            remedy=f"use one of: {', '.join(LANGUAGES)}.",
+        )
+    choose_language(language)
+
+
+def _show_unexpected(error: Exception) -> None:
+    with tempfile.NamedTemporaryFile("w", prefix="testloom-error-", suffix=".txt", delete=False) as report:
+        report.write("".join(traceback.format_exception(error)))
+    show_error(
+        TestloomError(
+            f"Something went wrong that we did not foresee ({type(error).__name__}: {error}).",
+            where=str(Path(report.name)),
+            remedy="send us this file.",
+        )
+    )
+
+
+if __name__ == "__main__":
+    run()
