@@ -119,7 +119,7 @@ class YieldRow:
     """First-pass yield of an operation in both conventions.
 
     `first_pass`: every first attempt that is not a PASS counts against it.
-    `first_pass_units`: only first attempts with a fault of the unit count against it.
+    `first_pass_units`: only faults of the unit count, at the first attempt that judged the unit.
     """
 
     operation: str
@@ -400,7 +400,7 @@ def _yield_row(row: OperationYield) -> YieldRow:
     return YieldRow(
         operation=row.operation,
         first_pass=counted_fraction(row.first_passes, row.first_attempts),
-        first_pass_units=counted_fraction(row.first_attempts - row.first_unit_faults, row.first_attempts),
+        first_pass_units=counted_fraction(row.first_judged - row.first_unit_faults, row.first_judged),
         attempts=row.attempts,
     )
 
