@@ -21,7 +21,7 @@ class StepTimeout(TestloomError):
             what,
             where=where,
             fault=Fault.UNIT,
-            remedy="look at the step's last message; raise the plan's time-out only if the product got slower.",
+            remedy="look at what the step waited for; or raise the time-out in the plan.",
         )
         self.of_sequence = of_sequence
 

@@ -19,10 +19,11 @@ from pathlib import Path
 from protocol.attempts import MAX_RECORD_BYTES, AttemptRecord, Lease, SpooledRecord
 from protocol.errors import Fault, TestloomError
 from protocol.outcomes import Outcome
+from stations.agent.fences import FENCE_WINDOW
 
 FORMAT_VERSION = 1
-MAX_REMEMBERED_FENCES = 10_000
-"""Fences grow over the whole line: one that lies further back than this is stale."""
+MAX_REMEMBERED_FENCES = FENCE_WINDOW
+"""Those further back are stale by the agent's own rule."""
 LOCK_TIMEOUT_S = 2.0
 """An agent that has just been replaced may still be letting go of the file."""
 
