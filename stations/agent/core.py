@@ -133,7 +133,7 @@ class AgentCore:
         if lease.station != self._identity.station or lease.socket not in self._sockets:
             return refused("unknown_socket", f"there is no socket {lease.station}/{lease.socket} here")
         stale_before = self._fences.stale_before(lease)
-        if False:
+        if lease.fence <= stale_before:
             return refused("stale_fence", f"fence {lease.fence} is stale: {stale_before} was here before")
         if self._stopping or self._link is Link.REFUSED:
             return refused("stopping", f"the station is stopping: {self._stopping}")
