@@ -20,9 +20,7 @@ def earth_rate_ned(latitude_rad: float) -> FloatArray:
     return EARTH_RATE_RAD_S * np.array([math.cos(latitude_rad), 0.0, -math.sin(latitude_rad)])
 
 
-def earth_rotation_body(
-    dcm_body_from_ned: FloatArray, time_s: FloatArray, latitude_rad: float
-) -> FloatArray:
+def earth_rotation_body(dcm_body_from_ned: FloatArray, time_s: FloatArray, latitude_rad: float) -> FloatArray:
     """Integral of the Earth rate in body axes over a capture, shape (3,), rad.
 
     Whole turns leave only the part along the spin axis; the rest before and after a turn leaks

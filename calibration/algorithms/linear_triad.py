@@ -39,6 +39,7 @@ class LinearFit:
         chi_square_ratio: chi-square per degree of freedom under the likeliest hypothesis.
         likeliest: words of that hypothesis.
         posterior: its weight among all, 0 … 1.
+        weights: of all hypotheses, in their order.
     """
 
     coefficients: TriadCoefficients
@@ -46,6 +47,7 @@ class LinearFit:
     chi_square_ratio: float
     likeliest: str
     posterior: float
+    weights: tuple[float, ...]
 
 
 def check_excitation(quantity: Quantity, true_input: FloatArray, where: str) -> None:
@@ -57,7 +59,9 @@ def check_excitation(quantity: Quantity, true_input: FloatArray, where: str) -> 
     remedy_words = EXCITATION_WORDS[quantity]
     largest = float(np.abs(true_input).max(initial=0.0))
     if len(true_input) == 0 or largest == 0.0:
-        raise _degenerate("There is no input to calibrate against.", where, remedy_words.format(axis="x, y and z"))
+        raise _degenerate(
+            "There is no input to calibrate against.", where, remedy_words.format(axis="x, y and z")
+        )
     design = np.column_stack([true_input / largest, np.ones(len(true_input))])
     _, singular, directions = np.linalg.svd(np.vstack([design, np.zeros((4, 4))]), full_matrices=False)
     if singular[-1] >= MIN_EXCITATION:
@@ -124,7 +128,12 @@ def fit_linear_triad(
         degrees_of_freedom=max(freedom, 0),
     )
     return LinearFit(
-        coefficients, residuals, float(chi_square_ratio), hypotheses[best].words, float(weights[best])
+        coefficients,
+        residuals,
+        float(chi_square_ratio),
+        hypotheses[best].words,
+        float(weights[best]),
+        tuple(float(weight) for weight in weights),
     )
 
 

@@ -86,7 +86,9 @@ def gauss_markov_covariance(middle_s: FloatArray, duration_s: FloatArray, correl
     apart = np.abs(middle_s[:, None] - middle_s[None, :])
     covariance = np.exp(-apart / correlation_s) * average[:, None] * average[None, :]
     ratio = 2.0 * half
-    own = np.where(ratio > 1e-4, 2.0 * (ratio + np.expm1(-ratio)) / np.maximum(ratio, 1e-12) ** 2, 1.0 - ratio / 3)
+    own = np.where(
+        ratio > 1e-4, 2.0 * (ratio + np.expm1(-ratio)) / np.maximum(ratio, 1e-12) ** 2, 1.0 - ratio / 3
+    )
     np.fill_diagonal(covariance, own)
     return covariance
 

@@ -29,8 +29,20 @@ def gauss_markov(rng, n, dt, sigma, tau):
     return out
 
 
-def session(seed, white_gyro=5e-4, white_acc=0.01, slow_gyro=0.0, slow_acc=0.0, tau=300.0, turns=3.0,
-            gyro_m=GYRO_M, gyro_b=GYRO_B, acc_m=ACC_M, acc_b=ACC_B, pause_s=5.0):
+def session(
+    seed,
+    white_gyro=5e-4,
+    white_acc=0.01,
+    slow_gyro=0.0,
+    slow_acc=0.0,
+    tau=300.0,
+    turns=3.0,
+    gyro_m=GYRO_M,
+    gyro_b=GYRO_B,
+    acc_m=ACC_M,
+    acc_b=ACC_B,
+    pause_s=5.0,
+):
     """Six poses and six turns; white: standard deviation per sample; slow: Gauss-Markov."""
     rng = np.random.default_rng(seed)
     dt = 1 / RATE_HZ
@@ -57,11 +69,16 @@ def session(seed, white_gyro=5e-4, white_acc=0.01, slow_gyro=0.0, slow_acc=0.0, 
             time_s = clock + np.arange(int(POSE_S * RATE_HZ)) * dt
             force, earth = GRAVITY * up, body_from_ned @ earth_ned
             ones = np.ones((len(time_s), 1))
-            poses.append(StaticPose(
-                f"{'xyz'[axis]}_{'up' if sign > 0 else 'down'}",
-                noisy(ones * (gyro_m @ earth + gyro_b), time_s, "gyro", white_gyro),
-                noisy(ones * (acc_m @ force + acc_b), time_s, "acc", white_acc),
-                force, earth, time_s))
+            poses.append(
+                StaticPose(
+                    f"{'xyz'[axis]}_{'up' if sign > 0 else 'down'}",
+                    noisy(ones * (gyro_m @ earth + gyro_b), time_s, "gyro", white_gyro),
+                    noisy(ones * (acc_m @ force + acc_b), time_s, "acc", white_acc),
+                    force,
+                    earth,
+                    time_s,
+                )
+            )
             clock += POSE_S + pause_s
     for axis in range(3):
         for sign in (1.0, -1.0):
@@ -75,20 +92,30 @@ def session(seed, white_gyro=5e-4, white_acc=0.01, slow_gyro=0.0, slow_acc=0.0, 
             east = np.cross(-spin, north)
             angle = np.cumsum(rate) * dt
             # spin axis up: earth's horizontal part turns backwards in the body
-            earth = (earth_ned[0] * (np.cos(angle)[:, None] * north + np.sin(angle)[:, None] * east)
-                     - earth_ned[2] * spin)
+            earth = (
+                earth_ned[0] * (np.cos(angle)[:, None] * north + np.sin(angle)[:, None] * east)
+                - earth_ned[2] * spin
+            )
             true = rate[:, None] * spin
             time_s = clock + np.arange(n) * dt
-            rotations.append(Rotation(
-                f"{'xyz'[axis]}_{'plus' if sign > 0 else 'minus'}", time_s,
-                noisy((true + earth) @ gyro_m.T + gyro_b, time_s, "gyro", white_gyro),
-                true.sum(axis=0) * dt, earth.sum(axis=0) * dt))
+            rotations.append(
+                Rotation(
+                    f"{'xyz'[axis]}_{'plus' if sign > 0 else 'minus'}",
+                    time_s,
+                    noisy((true + earth) @ gyro_m.T + gyro_b, time_s, "gyro", white_gyro),
+                    true.sum(axis=0) * dt,
+                    earth.sum(axis=0) * dt,
+                )
+            )
             clock += 12.0 + pause_s
     return poses, rotations
 
 
 def pulls(coefficients, matrix, bias):
     """(estimate - truth) / standard uncertainty of all twelve coefficients."""
-    return np.concatenate([
-        ((coefficients.matrix - matrix) / coefficients.matrix_standard_uncertainty()).ravel(),
-        (coefficients.bias - bias) / coefficients.bias_standard_uncertainty()])
+    return np.concatenate(
+        [
+            ((coefficients.matrix - matrix) / coefficients.matrix_standard_uncertainty()).ravel(),
+            (coefficients.bias - bias) / coefficients.bias_standard_uncertainty(),
+        ]
+    )
