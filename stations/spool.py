@@ -1,6 +1,7 @@
 """The station's spool: a result exists once it is committed here.
 
-SQLite (WAL, synchronous=FULL) in one file, held exclusively by one agent. Three things are kept:
+SQLite (WAL, synchronous=FULL) in one file; one agent at a time holds it, by a lock on a file beside
+it that dies with the process. Anybody may look. Three things are kept:
 
 - the *trace* of every sequence from before its start until its record is there. A trace that is
   found when the spool is opened belongs to an agent that died, and is closed as an ABORTED record;
@@ -10,9 +11,11 @@ SQLite (WAL, synchronous=FULL) in one file, held exclusively by one agent. Three
 A damaged file is moved aside, never deleted, and never silently replaced.
 """
 
+import fcntl
+import os
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,8 +27,8 @@ from stations.agent.fences import FENCE_WINDOW
 FORMAT_VERSION = 1
 MAX_REMEMBERED_FENCES = FENCE_WINDOW
 """Those further back are stale by the agent's own rule."""
-LOCK_TIMEOUT_S = 2.0
-"""An agent that has just been replaced may still be letting go of the file."""
+BUSY_TIMEOUT_S = 2.0
+"""Somebody who only looks may hold a commit up this long."""
 
 _SCHEMA = (
     "CREATE TABLE IF NOT EXISTS spool"
@@ -83,18 +86,20 @@ class Spool:
     def __init__(self, path: Path, owner: str, *, max_pages: int | None = None) -> None:
         self._path = path
         self._owner = owner
-        with self._explained():
-            self._database = sqlite3.connect(path, timeout=LOCK_TIMEOUT_S, isolation_level=None)
+        self._lock = _locked(path)
         try:
             with self._explained():
+                self._database = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
                 self._prepare(max_pages)
         except SpoolError:
-            self._database.close()
+            self.close()
             raise
 
     def close(self) -> None:
         """Let go of the file."""
-        self._database.close()
+        if hasattr(self, "_database"):
+            self._database.close()
+        os.close(self._lock)
 
     def open_attempt(self, lease: Lease, started_at_s: float, incarnation: int) -> None:
         """Leave the trace of a sequence before it starts; doing so twice changes nothing.
@@ -202,9 +207,8 @@ class Spool:
         return number
 
     def _prepare(self, max_pages: int | None) -> None:
-        # exclusive before WAL: no shared-memory file, and a second agent is kept out
-        for setting in ("locking_mode = EXCLUSIVE", "journal_mode = WAL", "synchronous = FULL"):
-            self._database.execute(f"PRAGMA {setting}")
+        self._database.execute("PRAGMA journal_mode = WAL")
+        self._database.execute("PRAGMA synchronous = FULL")
         if max_pages is not None:
             self._database.execute(f"PRAGMA max_page_count = {max_pages}")
         damage = self._database.execute("PRAGMA quick_check(1)").fetchone()[0]
@@ -249,13 +253,6 @@ class Spool:
         primary_code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         if primary_code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
             return self._damaged(str(error))
-        if primary_code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            return SpoolError(
-                "Another agent uses this spool.",
-                where=str(self._path),
-                fault=Fault.OPERATOR,
-                remedy="stop the other agent, or give this one a spool folder of its own.",
-            )
         if primary_code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
             what, remedy = "The spool cannot be written: the disk is full", "free space on this disk"
         else:
@@ -275,6 +272,63 @@ class Spool:
             remedy=f"move {self._path.name} and {self._path.name}-wal aside (do not delete them: they "
             "may hold results that 'sqlite3 FILE .recover' can save), then start the agent again.",
         )
+
+
+def unacknowledged_count(path: Path) -> int:
+    """Records in a spool that the coordinator has not acknowledged, for somebody who only looks.
+
+    Raises:
+        SpoolError: the file is there and cannot be read.
+    """
+    return _look(path, "SELECT count(*) FROM records")
+
+
+def records_made(path: Path) -> int:
+    """Records that a station has ever put into its spool; 0 if there is no spool. Raises as above."""
+    return _look(path, "SELECT max(next_number) - 1 FROM spool")
+
+
+def _look(path: Path, question: str) -> int:
+    if not path.exists():
+        return 0
+    try:
+        with closing(sqlite3.connect(path, timeout=BUSY_TIMEOUT_S)) as database:
+            database.execute("PRAGMA query_only = ON")
+            return int(database.execute(question).fetchone()[0] or 0)
+    except sqlite3.DatabaseError as error:
+        if "no such table" in str(error):  # its agent is just making it
+            return 0
+        raise SpoolError(
+            f"The spool cannot be read ({error}).",
+            where=str(path),
+            fault=Fault.STATION,
+            remedy="start its agent: it says what is wrong with the file.",
+        ) from error
+
+
+def _locked(path: Path) -> int:
+    """The descriptor of the lock beside the spool, held."""
+    lock_path = path.with_name(path.name + ".lock")
+    try:
+        descriptor = os.open(lock_path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    except OSError as error:
+        raise SpoolUnwritableError(
+            f"The spool cannot be opened ({error.strerror}).",
+            where=str(lock_path),
+            fault=Fault.STATION,
+            remedy="check the folder, its permissions and its disk.",
+        ) from None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise SpoolError(
+            "Another agent uses this spool.",
+            where=str(path),
+            fault=Fault.OPERATOR,
+            remedy="stop the other agent, or give this one a spool of its own.",
+        ) from None
+    return descriptor
 
 
 def aborted_record(

@@ -254,6 +254,7 @@ class AgentUnderAnything(RuleBasedStateMachine):
 
     @initialize()
     def begin(self) -> None:
+        self.issued: dict[int, Lease] = {}
         self.disk: dict[int, str] = {}
         self.traces: dict[str, Lease] = {}
         self.fences: list[tuple[int, str, str]] = []
@@ -322,7 +323,8 @@ class AgentUnderAnything(RuleBasedStateMachine):
         fence=st.integers(1, 30), socket=st.sampled_from("12"), serial=st.sampled_from(["U-1", "U-2", "U-3"])
     )
     def start(self, fence: int, socket: str, serial: str) -> None:
-        self._do(on.CommandReceived(0, StartSequence(lease=lease(fence, socket, serial))))
+        issued = self.issued.setdefault(fence, lease(fence, socket, serial))  # a fence is given once
+        self._do(on.CommandReceived(0, StartSequence(lease=issued)))
 
     @rule(fence=st.integers(1, 30), socket=st.sampled_from("12"))
     def abort(self, fence: int, socket: str) -> None:
@@ -379,5 +381,5 @@ class AgentUnderAnything(RuleBasedStateMachine):
         assert not (self.left and self.running), "it left while a sequence was running"
 
 
-AgentUnderAnything.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+AgentUnderAnything.TestCase.settings = settings(max_examples=100, stateful_step_count=40, deadline=None)
 test_the_promises_hold_in_every_order = AgentUnderAnything.TestCase

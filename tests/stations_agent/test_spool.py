@@ -19,6 +19,8 @@ from stations.spool import (
     SpoolUnwritableError,
     aborted_record,
     close_interrupted,
+    records_made,
+    unacknowledged_count,
 )
 
 OWNER = "test/st-1"
@@ -136,15 +138,19 @@ def test_a_damaged_file_is_named_and_left_alone(path: Path, damage: str) -> None
     assert path.read_bytes() == content
 
 
-def test_a_spool_has_one_owner_at_a_time(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stations.spool.LOCK_TIMEOUT_S", 0.01)
+def test_a_spool_has_one_owner_at_a_time(path: Path) -> None:
     first = Spool(path, OWNER)
     with pytest.raises(SpoolError, match="Another agent"):
         Spool(path, OWNER)
+    assert (unacknowledged_count(path), records_made(path)) == (0, 0)  # looking is free
+    assert [first.add(record(fence)) for fence in (1, 2)] == [1, 2]
+    first.drop(["a-1"])
+    assert (unacknowledged_count(path), records_made(path)) == (1, 2)
     first.close()
+    assert unacknowledged_count(path.with_name("none")) == 0
     with pytest.raises(SpoolError, match="belongs to 'test/st-1'"):
         Spool(path, "test/st-2")
-    with pytest.raises(SpoolUnwritableError, match="cannot be written"):
+    with pytest.raises(SpoolUnwritableError, match="cannot be opened"):
         Spool(path / "not a folder" / "spool.sqlite", OWNER)
 
 
