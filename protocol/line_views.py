@@ -85,7 +85,8 @@ class OperationYield(FrozenModel):
     """First-pass yield of one operation (or of one station at it).
 
     `fpy`: as peers count it, every first attempt that is not a PASS counts against it.
-    `fpy_unit`: only unit faults count. None when there is no attempt yet.
+    `fpy_unit`: only unit faults count, at the first attempt that judged the unit (`first_judged`
+    units: PASS or unit fault). None when there is no attempt yet.
     """
 
     operation: str
@@ -93,6 +94,7 @@ class OperationYield(FrozenModel):
     first_attempts: int
     first_passes: int
     first_unit_faults: int
+    first_judged: int = 0
     attempts: int
     passes: int
     fpy: float | None = None
@@ -112,12 +114,17 @@ class YieldReport(FrozenModel):
 
 
 class Alarm(FrozenModel):
-    """Something a person should look at."""
+    """Something a person should look at.
+
+    `text` is English; `say(alarm.template, **alarm.values)` says it in the chosen language.
+    """
 
     raised_at_s: float
     alarm: str
     subject: str
     text: str
+    template: str = ""
+    values: dict[str, str] = Field(default_factory=dict)
 
 
 class LineStatus(FrozenModel):
