@@ -1,5 +1,6 @@
 """`testloom`: the entry point. Chooses the language, mounts the commands, renders errors for people."""
 
+import importlib
 import sys
 import tempfile
 import traceback
@@ -16,6 +17,23 @@ from protocol.language import LANGUAGES, choose_language, say
 EXIT_ERROR = 1
 EXIT_INTERRUPTED = 130
 
+# command → module of this package, and the function or typer app in it
+COMMANDS = {
+    "up": ("up_command", "up"),
+    "order": ("coordinator_commands", "order"),
+    "status": ("coordinator_commands", "status"),
+    "unit": ("coordinator_commands", "unit"),
+    "yield": ("coordinator_commands", "show_yield"),
+    "recording": ("recording_commands", "app"),
+    "calibrate": ("calibrate_command", "calibrate"),
+    "doctor": ("doctor_command", "doctor"),
+    "router": ("router_command", "router"),
+    "coordinator": ("coordinator_commands", "coordinator"),
+    "bench": ("bench_commands", "bench"),
+    "station": ("station_commands", "station"),
+    "dashboard": ("dashboard_command", "dashboard"),
+}
+
 
 def run() -> None:
     """The console script: runs a command and ends the process with its exit code."""
@@ -27,7 +45,7 @@ def main(arguments: list[str]) -> int:
     """Run the command line. Returns the exit code; never raises for what a user can cause."""
     try:
         remaining = _take_language(arguments)
-        return build_app()(args=remaining, prog_name="testloom", standalone_mode=True) or 0
+        return build_app(remaining)(args=remaining, prog_name="testloom", standalone_mode=True) or 0
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else EXIT_ERROR
     except KeyboardInterrupt:
@@ -40,18 +58,11 @@ def main(arguments: list[str]) -> int:
         return EXIT_ERROR
 
 
-def build_app() -> typer.Typer:
-    """All commands. Built after the language is chosen, since help texts are words for people."""
-    from cli.bench_commands import bench
-    from cli.calibrate_command import calibrate
-    from cli.coordinator_commands import coordinator, order, show_yield, status, unit
-    from cli.dashboard_command import dashboard
-    from cli.doctor_command import doctor
-    from cli.recording_commands import app as recording_app
-    from cli.router_command import router
-    from cli.station_commands import station
-    from cli.up_command import up
+def build_app(arguments: list[str]) -> typer.Typer:
+    """The commands, of which only the one that `arguments` name is imported: a line starts many processes.
 
+    Built after the language is chosen, since help texts are words for people.
+    """
     app = typer.Typer(
         help=say("Production test for inertial sensors and GNC modules."),
         no_args_is_help=True,
@@ -65,12 +76,14 @@ def build_app() -> typer.Typer:
     ) -> None:
         del lang  # taken before the commands were built
 
-    for command in (up, router, coordinator, bench, station, dashboard, order, status, unit):
-        app.command()(command)
-    app.command("yield")(show_yield)
-    app.command()(calibrate)
-    app.command()(doctor)
-    app.add_typer(recording_app, name="recording")
+    named = [argument for argument in arguments if not argument.startswith("-")][:1]
+    for name in named if named and named[0] in COMMANDS else COMMANDS:
+        module, attribute = COMMANDS[name]
+        command = getattr(importlib.import_module(f"cli.{module}"), attribute)
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
     return app
 
 

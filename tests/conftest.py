@@ -1,0 +1,24 @@
+"""What tests of all packages share."""
+
+import os
+import socket
+
+import pytest
+
+
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
+    """Where everything is required (in CI), a skip is a failure."""
+    if call.excinfo and call.excinfo.errisinstance(pytest.skip.Exception) and _everything_is_required():
+        pytest.fail(f"{item.nodeid} was skipped, and nothing may be: {call.excinfo.value}", pytrace=False)
+
+
+def _everything_is_required() -> bool:
+    return os.environ.get("TESTLOOM_REQUIRE_ALL") == "1"
+
+
+@pytest.fixture
+def free_port() -> int:
+    """A port of the loopback address that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
