@@ -1,0 +1,31 @@
+"""Lines whose processes are killed at random moments: nothing is lost, nothing is recorded twice."""
+
+from pathlib import Path
+
+import pytest
+from kill_processes import run_line
+
+pytestmark = [pytest.mark.fabric, pytest.mark.xdist_group("line"), pytest.mark.timeout(400)]
+
+
+@pytest.mark.parametrize("role", ["station", "router", "coordinator"])
+def test_a_killed_process_costs_no_result(role: str, tmp_path: Path) -> None:
+    result = run_line(role, kills=2, seed=5, folder=tmp_path, units=6)
+    assert result.kills, "nothing was killed: the line was over before"
+    assert result.faults() == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("role", ["station", "router", "coordinator", "bench"])
+def test_twenty_kills_of_each(role: str, tmp_path: Path) -> None:
+    kills = 0
+    for number in range(20):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        result = run_line(role, kills=min(5, 20 - kills), seed=100 + number, folder=folder)
+        assert result.faults() == [], result
+        kills += len(result.kills)
+        if kills >= 20:
+            break
+    assert kills >= 20
