@@ -1,13 +1,87 @@
-"""Shared instruments of a bench: who may use them now, first come, first served."""
+"""Instruments that the sockets of a bench share: one session each, and first come, first served.
+
+Multimeter and oscilloscope hang on one measuring bus, to which one socket board at a time may route
+test points. Who wants to measure takes the bus; meanwhile the branch that waits takes no part in
+the bench's time, which could not go on otherwise.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from protocol.bench_description import BenchDescription
+from protocol.errors import Fault, LinkTimeoutError
+from stations.drivers.clock import BranchClock
+from stations.drivers.scpi import ScpiSession
+
+MAX_WAIT_WALL_S = 60.0
+"""Wall time after which a shared instrument counts as held by somebody who will not return it."""
+WAIT_POLL_S = 0.05
+
+
+class FairLock:
+    """A lock that is given to its waiters in the order in which they came."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._condition = threading.Condition()
+        self._queue: deque[object] = deque()
+
+    @contextmanager
+    def held(self, clock: BranchClock) -> Iterator[None]:
+        """Hold it inside the `with`; wait outside the bench's time.
+
+        Raises on entry:
+            LinkTimeoutError: it did not become free within MAX_WAIT_WALL_S.
+            SequenceAborted: the sequence was aborted meanwhile.
+        """
+        ticket = object()
+        with self._condition:
+            self._queue.append(ticket)
+            must_wait = self._queue[0] is not ticket
+        try:
+            if must_wait:
+                with clock.outside():
+                    self._wait_for_turn(ticket, clock)
+            yield
+        finally:
+            with self._condition:
+                self._queue.remove(ticket)
+                self._condition.notify_all()
+
+    def _wait_for_turn(self, ticket: object, clock: BranchClock) -> None:
+        polls = int(MAX_WAIT_WALL_S / WAIT_POLL_S)
+        with self._condition:
+            for _ in range(polls):
+                if self._queue[0] is ticket:
+                    return
+                clock.interruption()
+                self._condition.wait(WAIT_POLL_S)
+        raise LinkTimeoutError(
+            f"The shared {self._name} did not become free within {MAX_WAIT_WALL_S:g} s.",
+            where=self._name,
+            fault=Fault.STATION,
+            remedy="see which socket of the bench holds it; restart the station.",
+        )
 
 
 class Arbitration:
-    """The instruments that the sockets of one bench share: one object for all its SequenceRunners."""
+    """The shared instruments of one bench: one object for all its SequenceRunners."""
 
     def __init__(self, bench: BenchDescription) -> None:
         self.bench = bench
+        self.measuring_bus = FairLock("measuring bus")
+        self.power_supply = ScpiSession(bench.power_supply, "power supply")
+        self.multimeter = _optional(bench.multimeter, "multimeter")
+        self.oscilloscope = _optional(bench.oscilloscope, "oscilloscope")
 
     def close(self) -> None:
-        """Close the sessions of the shared instruments."""
+        """Close the sessions; the next use opens them again."""
+        for session in (self.power_supply, self.multimeter, self.oscilloscope):
+            if session is not None:
+                session.close()
+
+
+def _optional(resource: str | None, name: str) -> ScpiSession | None:
+    return None if resource is None else ScpiSession(resource, name)

@@ -45,8 +45,8 @@ class BranchClock(ABC):
         """Bench time."""
 
     @abstractmethod
-    def _wait(self, until_s: float, port: Any | None) -> None:
-        """Let time pass to `until_s`, or less: until `port` has new bytes, or a slice of it."""
+    def _wait(self, until_s: float, port: Any | None, seen: int) -> None:
+        """Let time pass to `until_s`, or less: a slice of it, or until `port` got more than `seen` bytes."""
 
     @abstractmethod
     def join(self) -> None:
@@ -73,14 +73,24 @@ class BranchClock(ABC):
             self._check()
             if self.now_s() >= time_s:
                 return
-            self._wait(self._bounded(time_s), None)
+            self._wait(self._bounded(time_s), None, 0)
 
-    def wait_for_bytes(self, port: Any, until_s: float) -> bool:
-        """Wait until a port may have new bytes (True) or until a moment (False). Raises as `sleep_until`."""
+    def wait_for_bytes(self, port: Any, seen: int, until_s: float) -> bool:
+        """Wait until a port may have new bytes (True), or a moment has passed (False).
+
+        Args:
+            port: the port.
+            seen: `bytes_seen(port)` from before the caller last looked at what had come; bytes that
+                another branch took in since then end the wait at once.
+            until_s: bench time.
+
+        Raises:
+            SequenceAborted, StepTimeout, LinkError: as `sleep_until`.
+        """
         self._check()
         if self.now_s() >= until_s:
             return False
-        self._wait(self._bounded(until_s), port)
+        self._wait(self._bounded(until_s), port, seen)
         return True
 
     @contextmanager
@@ -106,6 +116,11 @@ class BranchClock(ABC):
             raise StepTimeout("The plan's deadline for the whole sequence has passed.", of_sequence=True)
         if self._step_deadline_s is not None and now_s >= self._step_deadline_s:
             raise StepTimeout("The step did not end within its time-out.")
+
+
+def bytes_seen(port: Any) -> int:
+    """Bytes that a counted port has received; 0 for others, whose waits are short."""
+    return port.bytes_received if isinstance(port, LockstepPort) else 0
 
 
 class LockstepLinks:
@@ -173,9 +188,9 @@ class LockstepClock(BranchClock):
     def leave(self) -> None:
         self._learn(self._control.request(Suspend()))
 
-    def _wait(self, until_s: float, port: Any | None) -> None:
+    def _wait(self, until_s: float, port: Any | None, seen: int) -> None:
         expected_s = max(0.0, until_s - self.now_s()) / self._pace if self._pace else 0.0
-        wake_above = {port.link: port.bytes_received} if isinstance(port, LockstepPort) else {}
+        wake_above = {port.link: seen} if isinstance(port, LockstepPort) else {}
         request = Wait(until_s=until_s, written=self._links.written(), wake_above=wake_above)
         reply = self._control.request(request, expected_wall_s=expected_s, interruption=self.interruption)
         self._learn(reply)
@@ -199,7 +214,8 @@ class WallClock(BranchClock):
     def leave(self) -> None:
         """Nothing to do."""
 
-    def _wait(self, until_s: float, port: Any | None) -> None:
+    def _wait(self, until_s: float, port: Any | None, seen: int) -> None:
+        del seen  # nothing is counted here: waits are short, and the caller looks again
         wall_s = min(WALL_POLL_S, max(0.0, until_s - time.monotonic()))
         if port is None:
             time.sleep(wall_s)

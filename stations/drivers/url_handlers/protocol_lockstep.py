@@ -28,7 +28,7 @@ class Serial(SocketSerial):
 
     def open(self) -> None:
         """Connect. Raises SerialException when the bench does not accept."""
-        host, port = self.from_url(self.portstr)
+        host, port = self.from_url(self.portstr or "")
         self.logger = None
         self.bytes_written = 0
         self.bytes_received = 0
@@ -69,7 +69,7 @@ class Serial(SocketSerial):
 
     def read(self, size: int = 1) -> bytes:
         """Up to `size` bytes; waits for the first ones up to the port's (wall) time-out."""
-        deadline = None if self._timeout is None else time.monotonic() + self._timeout
+        deadline = None if self.timeout is None else time.monotonic() + self.timeout
         with self._read_lock:
             if len(self._pending) < size:
                 self._take_in()
@@ -94,7 +94,7 @@ class Serial(SocketSerial):
                         f"{count - self.bytes_received} bytes that were handed over did not arrive"
                     )
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: bytes) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Write all of it. Raises SerialException."""
         with self._write_lock:
             view = memoryview(bytes(data))

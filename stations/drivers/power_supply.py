@@ -1,0 +1,67 @@
+"""A SCPI power supply with a channel for each socket."""
+
+from stations.drivers.scpi import ScpiSession
+
+
+class ScpiPowerSupply:
+    """Implements `protocol.instruments.PowerSupply`. Sessions are shared by the sockets of a bench."""
+
+    def __init__(self, session: ScpiSession) -> None:
+        self._session = session
+
+    def configure(self, channel: int, voltage_v: float, current_limit_a: float) -> None:
+        """Set voltage and current limit of a channel. Raises LinkError."""
+        self._session.set(f"VOLT {voltage_v:.4f},(@{channel})")
+        self._session.set(f"CURR {current_limit_a:.4f},(@{channel})")
+
+    def switch(self, channel: int, on: bool) -> None:
+        """Switch a channel's output. Raises LinkError."""
+        self._session.set(f"OUTP {'ON' if on else 'OFF'},(@{channel})")
+
+    def is_on(self, channel: int) -> bool:
+        """Whether a channel's output is on, by the supply's own word. Raises LinkError."""
+        return self._session.query(f"OUTP? (@{channel})").upper() in ("1", "ON")
+
+    def measure_voltage_v(self, channel: int) -> float:
+        """Voltage at a channel's output. Raises LinkError."""
+        return self._session.query_number(f"MEAS:VOLT? (@{channel})")
+
+    def measure_current_a(self, channel: int) -> float:
+        """Current out of a channel. Raises LinkError."""
+        return self._session.query_number(f"MEAS:CURR? (@{channel})")
+
+
+class SocketSupply:
+    """The supply as one socket sees it: bound to its channel.
+
+    Attributes:
+        set_voltage_v: what was last asked for, None before and after power.
+    """
+
+    def __init__(self, supply: ScpiPowerSupply, channel: int) -> None:
+        self._supply = supply
+        self._channel = channel
+        self.set_voltage_v: float | None = None
+
+    def configure(self, voltage_v: float, current_limit_a: float) -> None:
+        """Set voltage and current limit. Raises LinkError."""
+        self._supply.configure(self._channel, voltage_v, current_limit_a)
+        self.set_voltage_v = voltage_v
+
+    def switch(self, on: bool) -> None:
+        """Switch the output. Raises LinkError."""
+        self._supply.switch(self._channel, on)
+        if not on:
+            self.set_voltage_v = None
+
+    def is_on(self) -> bool:
+        """Whether the output is on. Raises LinkError."""
+        return self._supply.is_on(self._channel)
+
+    def measure_voltage_v(self) -> float:
+        """Voltage at the output. Raises LinkError."""
+        return self._supply.measure_voltage_v(self._channel)
+
+    def measure_current_a(self) -> float:
+        """Current drawn. Raises LinkError."""
+        return self._supply.measure_current_a(self._channel)
