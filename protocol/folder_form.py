@@ -5,11 +5,11 @@ repaired, filled or guessed. Writing is all or nothing: a folder appears whole o
 """
 
 import json
-import os
 import shutil
 import tempfile
 from pathlib import Path
 
+from protocol.durable_files import storage_error, sync
 from protocol.errors import Fault, RecordingError
 from protocol.recording_checks import Findings, check_stream
 from protocol.recording_document import (
@@ -21,7 +21,6 @@ from protocol.recording_document import (
     types_of,
 )
 from protocol.recordings import Recording, Stream
-from protocol.storage_errors import storage_error
 from protocol.stream_files import StreamFormat, read_columns, write_columns
 
 
@@ -123,7 +122,7 @@ def write_folder(recording: Recording, path: Path | str, stream_format: StreamFo
         _write_into(unfinished, recording, stream_format)
         unfinished.chmod(0o755)
         unfinished.rename(target)
-        _sync(target.parent)
+        sync(target.parent)
     except OSError as error:
         raise storage_error(error, target) from error
     finally:
@@ -139,18 +138,9 @@ def _write_into(folder: Path, recording: Recording, stream_format: StreamFormat)
             described[name]["types"] = types_of(stream)
         file = folder / f"{name}.{stream_format}"
         write_columns(file, {column: stream.columns[column] for column in stream.units})
-        _sync(file)
+        sync(file)
     document = folder / DOCUMENT_NAME
     text = json.dumps(document_of(recording, described), indent=1, ensure_ascii=False)
     document.write_text(text + "\n", encoding="utf-8")
-    _sync(document)
-    _sync(folder)
-
-
-def _sync(path: Path) -> None:
-    """Have the disk keep it: without this, a power cut after the rename can leave an empty file."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    sync(document)
+    sync(folder)

@@ -1,7 +1,8 @@
 # pyright: strict
-"""What a disk that refuses to keep a recording means for a person."""
+"""Keeping recordings on disk for good, and what a disk that refuses means for a person."""
 
 import errno
+import os
 from pathlib import Path
 
 from protocol.errors import Fault, RecordingError
@@ -21,3 +22,16 @@ def storage_error(error: OSError, path: Path) -> RecordingError:
         if full
         else "check that the folder exists and may be written, then write it again.",
     )
+
+
+def sync(path: Path) -> None:
+    """Have the disk keep a file or a folder's entries: a power cut after a rename leaves it empty else.
+
+    Raises:
+        OSError: the disk refuses.
+    """
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
