@@ -185,7 +185,7 @@ def _checked(name: str, values: FloatArray, dimensions: int) -> FloatArray:
     finite_enough = dimensions == 2 or bool(np.isfinite(array).all())
     if array.ndim != dimensions or array.shape[-1] != 3 or not finite_enough:
         raise CalibrationError(
-            f"'{name}' has an array of shape {array.shape} where (n, 3) samples or a finite (3,) truth belong.",
+            f"'{name}' has an array of shape {array.shape} where (n, 3) samples or a finite (3,) belong.",
             where=name,
             fault=Fault.DATA,
             remedy="hand over samples as (n, 3) and truth as three finite numbers.",

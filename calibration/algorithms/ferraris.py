@@ -159,8 +159,8 @@ def _whole_turns(name: str, turn: HandTurn, static_bias: FloatArray) -> int:
     turns = round(float(angles[axis])) if np.isfinite(angles).all() else 0
     if turns == 0 or abs(float(angles[axis]) - turns) > MAX_TURN_DEPARTURE:
         raise _refused(
-            f"'{name}' is no whole turn about {name[0]}: the gyro saw {', '.join(f'{a:+.2f}' for a in angles)} "
-            "turns about x, y, z.",
+            f"'{name}' is no whole turn about {name[0]}: the gyro saw "
+            f"{', '.join(f'{a:+.2f}' for a in angles)} turns about x, y, z.",
             "record whole turns from stop to stop, without missing samples",
         )
     return turns

@@ -70,8 +70,8 @@ def check_excitation(quantity: Quantity, true_input: FloatArray, where: str) -> 
     axes = [axis for axis, part in zip("xyz", missing[:3], strict=True) if abs(part) > NAMED_PART]
     if abs(missing[3]) > NAMED_PART:
         what = (
-            f"the bias and the scale factor of {', '.join(axes) or 'an axis'} cannot be told apart: the other "
-            "direction is missing"
+            f"the bias and the scale factor of {', '.join(axes) or 'an axis'} cannot be told apart: "
+            "the other direction is missing"
         )
     else:
         what = "nothing excites " + ", ".join(remedy_words.format(axis=axis) for axis in axes)

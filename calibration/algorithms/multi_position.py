@@ -5,8 +5,9 @@ Model, with K upper triangular (Tedaldi, Pretto & Menegatti, ICRA 2014, eq (10))
     | K (y - b) | = g        for each rest,  K = [[k_xx k_xy k_xz] [0 k_yy k_yz] [0 0 k_zz]]
 
 Nine parameters. Attitudes that never tilt two axes together leave their non-orthogonality open: it is
-then taken as 0 with a standard uncertainty of 0.02 rad, and said. Gravity's magnitude cannot tell how the triad sits in its housing, so the body frame
-is the sensors' own: z along the input axis of sensor z, y in the plane of the input axes y and z.
+then taken as 0 with a standard uncertainty of 0.02 rad, and said. Gravity's magnitude cannot tell how
+the triad sits in its housing, so the body frame is the sensors' own: z along the input axis of sensor
+z, y in the plane of the input axes y and z.
 """
 
 from dataclasses import dataclass

@@ -39,7 +39,7 @@ def saturated(samples: FloatArray, range_limit: float | None) -> NDArray[np.bool
 
 
 def screen_static(
-    name: str, samples: FloatArray, range_limit: float | None
+    name: str, samples: FloatArray, range_limit: float | None, min_samples: int = MIN_STATIC_SAMPLES
 ) -> tuple[NDArray[np.intp], tuple[NotUsed, ...]]:
     """Rows of a rest that can be used (none if the rest cannot), and what was left out.
 
@@ -47,6 +47,7 @@ def screen_static(
         name: of the rest and the sensor, for the record.
         samples: shape (n, k), in the unit of `range_limit`.
         range_limit: magnitude at and above which a sample is saturated; None: not known.
+        min_samples: fewer usable samples than this are too short a rest.
     """
     missing = ~np.isfinite(samples).all(axis=1)
     clipped = saturated(samples, range_limit) & ~missing
@@ -61,8 +62,8 @@ def screen_static(
         why = f"whole rest: more than {MAX_LOST_FRACTION:.0%} of its samples are missing or saturated"
         left_out.append(NotUsed(name, len(usable), why))
         return np.empty(0, dtype=np.intp), tuple(left_out)
-    if len(usable) < MIN_STATIC_SAMPLES:
-        left_out.append(NotUsed(name, len(usable), f"too short: fewer than {MIN_STATIC_SAMPLES} samples"))
+    if len(usable) < min_samples:
+        left_out.append(NotUsed(name, len(usable), f"too short: fewer than {min_samples} samples"))
         return np.empty(0, dtype=np.intp), tuple(left_out)
     return usable, tuple(left_out)
 

@@ -1,0 +1,333 @@
+"""From recordings to coefficients: which method their profiles and streams allow, and its result.
+
+test.segments in the recording                → session on a stand (`imu_session`)
+profiles ferraris_x_p … ferraris_z_rot        → Ferraris session in parts
+profile ferraris_session with sections.csv    → Ferraris session in one recording
+accelerometer with rests in many attitudes    → multi-position, poses unknown
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.algorithms.coefficients import FloatArray
+from calibration.algorithms.ferraris import (
+    POSES,
+    TURN_STANDARD_UNCERTAINTY_RAD,
+    TURNS,
+    HandRest,
+    HandTurn,
+    calibrate_ferraris,
+)
+from calibration.evaluation import Evaluation, Residual
+from calibration.imu_session import NotUsed, Rotation, SlowNoise, StaticPose, calibrate_imu
+from calibration.many_positions import evaluate_positions
+from calibration.rest_segments import named_sections
+from protocol.errors import CalibrationError, Fault
+from protocol.language import say
+from protocol.recordings import Recording, Stream
+from protocol.units_of_measure import STANDARD_GRAVITY_M_S2, factor_to_si
+
+FERRARIS_PREFIX = "ferraris_"
+FERRARIS_PARTS = (*POSES, *TURNS)
+RANGE_MARGIN = 0.002
+"""Full-scale words end up to this part inside the nominal range (32767 / 16.4 = 1998 of 2000 deg/s)."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording and the folder it came from (None: not from a folder)."""
+
+    recording: Recording
+    folder: Path | None = None
+
+    @property
+    def profile(self) -> str:
+        """The recording's test profile."""
+        return str(self.recording.test.get("profile", ""))
+
+
+def together(sources: Sequence[Source]) -> tuple[tuple[Source, ...], ...]:
+    """Recordings that are evaluated together: the parts of one unit's Ferraris run; others alone."""
+    groups: dict[tuple[str, ...], list[Source]] = {}
+    for index, source in enumerate(sources):
+        if _ferraris_part(source) is None:
+            groups[("alone", str(index))] = [source]
+            continue
+        test = source.recording.test
+        key = (
+            "parts",
+            str(source.recording.unit.get("serial")),
+            str(test.get("run")),
+            str(test.get("mount")),
+        )
+        groups.setdefault(key, []).append(source)
+    return tuple(tuple(group) for group in groups.values())
+
+
+def evaluate(group: Sequence[Source]) -> Evaluation:
+    """Coefficients from recordings that belong together.
+
+    Raises:
+        CalibrationError: no method applies, or the data cannot carry it: what is missing is named.
+    """
+    first = group[0]
+    if _ferraris_part(first) is not None:
+        return _ferraris_in_parts(group)
+    if len(group) != 1:
+        raise _refused("These recordings do not belong to one evaluation.", group, "evaluate them one by one")
+    if first.recording.test.get("segments"):
+        return _session_on_stand(first)
+    if first.profile == "ferraris_session":
+        return _ferraris_in_one(first)
+    if not first.recording.stream("dut").has(*_axes("acc")):
+        raise _refused(
+            "No calibration method applies: the recording has no accelerometer, no named segments and "
+            "no parts of a Ferraris session.",
+            group,
+            "record acc_x, acc_y, acc_z in at least nine attitudes, or a session on a stand",
+        )
+    return evaluate_positions(
+        first.recording,
+        first.folder,
+        *gravity(first.recording),
+        acc_range_m_s2=sensor_range(first.recording, "acc"),
+    )
+
+
+def gravity(recording: Recording) -> tuple[float, str]:
+    """Magnitude of gravity for a recording (m/s^2), and the sentence that says where it is from."""
+    stated = recording.site.get("gravity_m_s2")
+    if isinstance(stated, int | float) and math.isfinite(stated) and stated > 0:
+        return float(stated), say(
+            "gravity {gravity} m/s² as the recording's site says", gravity=f"{stated:.5f}"
+        )
+    sentence = say(
+        "gravity {gravity} m/s², standard: the recording does not say its site "
+        "(up to 0.3 % on every accelerometer scale factor)",
+        gravity=f"{STANDARD_GRAVITY_M_S2:.5f}",
+    )
+    return STANDARD_GRAVITY_M_S2, sentence
+
+
+def sensor_range(recording: Recording, kind: str) -> float | None:
+    """End of the range of 'gyro' or 'acc' in SI, a margin inside the nominal one; None: not known."""
+    described = recording.believed.get(kind)
+    if not isinstance(described, Mapping) or not isinstance(described.get("range"), int | float):
+        return None
+    unit = str(described.get("unit", ""))
+    return float(described["range"]) * factor_to_si(unit) * (1.0 - RANGE_MARGIN)
+
+
+def _ferraris_part(source: Source) -> str | None:
+    part = source.profile.removeprefix(FERRARIS_PREFIX)
+    return part if source.profile.startswith(FERRARIS_PREFIX) and part in FERRARIS_PARTS else None
+
+
+def _ferraris_in_parts(group: Sequence[Source]) -> Evaluation:
+    rests: dict[str, HandRest] = {}
+    turns: dict[str, HandTurn] = {}
+    for source in group:
+        part = str(_ferraris_part(source))
+        if part in rests or part in turns:
+            raise _refused(f"The part '{part}' is there twice.", group, "name the parts of one session only")
+        stream = source.recording.stream("dut")
+        _take_part(part, stream, 0, len(stream), rests, turns)
+    return _ferraris(group, rests, turns, ())
+
+
+def _ferraris_in_one(source: Source) -> Evaluation:
+    sections = named_sections(source.recording, source.folder)
+    if sections is None:
+        raise _refused(
+            "Nothing says which part of this Ferraris session is which.",
+            [source],
+            "put sections.csv (section,start_s,end_s with x_p … z_rot) beside the recording",
+        )
+    rests: dict[str, HandRest] = {}
+    turns: dict[str, HandTurn] = {}
+    stream = source.recording.stream("dut")
+    outside = len(stream)
+    for segment in sections.segments:
+        if segment.name in FERRARIS_PARTS:
+            _take_part(segment.name, stream, segment.first, segment.last, rests, turns)
+            outside -= segment.last - segment.first
+    not_used = (NotUsed(say("between the sections"), outside, say("handling, in no named section")),)
+    return _ferraris([source], rests, turns, not_used)
+
+
+def _take_part(
+    part: str, stream: Stream, first: int, last: int, rests: dict[str, HandRest], turns: dict[str, HandTurn]
+) -> None:
+    rows = slice(first, last)
+    time_s, gyro = stream.time_s()[rows], stream.si(*_axes("gyro"))[rows]
+    if part in POSES:
+        rests[part] = HandRest(time_s, stream.si(*_axes("acc"))[rows], gyro)
+    else:
+        turns[part] = HandTurn(time_s, gyro)
+
+
+def _ferraris(
+    group: Sequence[Source],
+    rests: Mapping[str, HandRest],
+    turns: Mapping[str, HandTurn],
+    not_used: tuple[NotUsed, ...],
+) -> Evaluation:
+    recording = group[0].recording
+    gravity_m_s2, gravity_sentence = gravity(recording)
+    found = calibrate_ferraris(
+        rests,
+        turns,
+        gravity_m_s2,
+        gyro_range_rad_s=sensor_range(recording, "gyro"),
+        acc_range_m_s2=sensor_range(recording, "acc"),
+    )
+    directions = ", ".join(f"{name[0]} {count * 360:+d}°" for name, count in found.turns.items())
+    assumptions = (
+        gravity_sentence,
+        say("body axes: faces of the housing as it stood on the surface"),
+        say(
+            "poses by hand, aligned to {angle}° (standard deviation, estimated from the poses)",
+            angle=f"{math.degrees(found.alignment_rad):.2f}",
+        ),
+        say(
+            "turns {turns} by the gyro's own sign; angle of a turn by hand taken as good to {angle}° "
+            "(standard uncertainty, stated)",
+            turns=directions,
+            angle=f"{math.degrees(TURN_STANDARD_UNCERTAINTY_RAD):.1f}",
+        ),
+        say("Earth rate is not known in body axes: it is part of the gyro bias's uncertainty"),
+    )
+    residuals = [
+        *_residuals(
+            found.acc_observations.run_names, found.acc_observations.run, found.acc.residuals, "m/s^2"
+        ),
+        *_residuals(
+            found.gyro_observations.run_names, found.gyro_observations.run, found.gyro.residuals, "rad/s"
+        ),
+    ]
+    return Evaluation(
+        recording_ids=tuple(source.recording.recording_id for source in group),
+        serial=str(recording.unit.get("serial", "")),
+        product=str(recording.unit.get("product", "")),
+        method="ferraris",
+        acc=found.acc.coefficients,
+        gyro=found.gyro.coefficients,
+        gyro_bias=None,
+        residuals=tuple(residuals),
+        assumptions=assumptions,
+        not_used=(*found.not_used, *not_used),
+    )
+
+
+def _residuals(names: Sequence[str], run: Any, values: FloatArray, unit: str) -> list[Residual]:
+    means = [values[run == index].mean(axis=0) for index in range(len(names))]
+    return [
+        Residual(name, tuple(float(v) for v in mean), unit) for name, mean in zip(names, means, strict=True)
+    ]
+
+
+def _session_on_stand(source: Source) -> Evaluation:
+    """A station's own recording: `test.segments` name each pose and turn with the stand's truth."""
+    recording = source.recording
+    stream = recording.stream("dut")
+    time_s, gyro, acc = stream.time_s(), stream.si(*_axes("gyro")), stream.si(*_axes("acc"))
+    poses: list[StaticPose] = []
+    rotations: list[Rotation] = []
+    outside = len(stream)
+    for number, segment in enumerate(recording.test["segments"], start=1):
+        where = f"{recording.recording_id}, test.segments[{number}]"
+        try:
+            name, kind = str(segment["name"]), segment["kind"]
+            start_s, end_s = float(segment["start_s"]), float(segment["end_s"])
+            rows = slice(*np.searchsorted(time_s, [start_s, end_s], side="left").tolist())
+            if kind == "static":
+                poses.append(
+                    StaticPose(
+                        name,
+                        gyro[rows],
+                        acc[rows],
+                        _vector(segment, "specific_force_body_m_s2"),
+                        _vector(segment, "earth_rate_body_rad_s"),
+                        time_s[rows],
+                    )
+                )
+            elif kind == "rotation":
+                turn, earth = (
+                    _vector(segment, "rotation_body_rad"),
+                    _vector(segment, "earth_rotation_body_rad"),
+                )
+                rotations.append(Rotation(name, time_s[rows], gyro[rows], turn, earth))
+            else:
+                raise ValueError(f"kind '{kind}' is neither 'static' nor 'rotation'")
+        except (KeyError, TypeError, ValueError) as error:
+            raise CalibrationError(
+                f"A segment of the recording cannot be used: {error}.",
+                where=where,
+                fault=Fault.DATA,
+                remedy="give name, kind, start_s, end_s and the stand's truth for each segment.",
+            ) from None
+        outside -= rows.stop - rows.start
+    found = calibrate_imu(
+        poses,
+        rotations,
+        gyro_range_rad_s=sensor_range(recording, "gyro"),
+        acc_range_m_s2=sensor_range(recording, "acc"),
+        gyro_slow_noise=_slow_noise(recording, "gyro"),
+        acc_slow_noise=_slow_noise(recording, "acc"),
+    )
+    residuals = [
+        *(Residual(n, tuple(map(float, v)), "m/s^2") for n, v in found.acc_residuals_m_s2.items()),
+        *(Residual(n, tuple(map(float, v)), "rad/s") for n, v in found.gyro_residuals_rad_s.items()),
+    ]
+    not_used = list(found.not_used)
+    if outside > 0:
+        not_used.append(
+            NotUsed(say("between the segments"), outside, say("the stand was moving to the next pose"))
+        )
+    return Evaluation(
+        recording_ids=(recording.recording_id,),
+        serial=str(recording.unit.get("serial", "")),
+        product=str(recording.unit.get("product", "")),
+        method="imu_calibration",
+        acc=found.acc,
+        gyro=found.gyro,
+        gyro_bias=None,
+        residuals=tuple(residuals),
+        assumptions=(
+            say("poses, turns and Earth rate in body axes as the stand's encoders give them"),
+            say("gyro noise: {words}", words=found.gyro_noise),
+            say("accelerometer noise: {words}", words=found.acc_noise),
+        ),
+        not_used=tuple(not_used),
+    )
+
+
+def _slow_noise(recording: Recording, kind: str) -> SlowNoise | None:
+    """Bias instability that the recording states with its correlation time; None otherwise."""
+    described = recording.believed.get(kind)
+    stated = described.get("bias_instability") if isinstance(described, Mapping) else None
+    if not isinstance(stated, Mapping) or not isinstance(stated.get("correlation_time_s"), int | float):
+        return None
+    level = float(stated["value"]) * factor_to_si(str(stated["unit"]))
+    return SlowNoise(level, float(stated["correlation_time_s"]))
+
+
+def _vector(segment: Mapping[str, Any], key: str) -> FloatArray:
+    vector = np.array(segment[key], dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise ValueError(f"{key} is not three finite numbers")
+    return vector
+
+
+def _axes(kind: str) -> tuple[str, str, str]:
+    return f"{kind}_x", f"{kind}_y", f"{kind}_z"
+
+
+def _refused(what: str, group: Sequence[Source], remedy: str) -> CalibrationError:
+    names = ", ".join(source.recording.recording_id for source in group)
+    return CalibrationError(what, where=f"recording {names}", fault=Fault.DATA, remedy=remedy + ".")
