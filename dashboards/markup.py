@@ -17,7 +17,7 @@ class Html(str):
     __slots__ = ()
 
 
-def element(name: str, *children: str, **attributes: str | float | bool | None) -> Html:
+def element(name: str, /, *children: str, **attributes: str | float | bool | None) -> Html:
     """An HTML element. Children that are not `Html` are escaped.
 
     Attribute names: `class_` is `class`, an underscore inside is a hyphen (`aria_label`). None and
@@ -40,11 +40,11 @@ def join(children: Iterable[str]) -> Html:
     return Html("".join(child if isinstance(child, Html) else escape(child) for child in children))
 
 
-def div(class_: str, *children: str, **attributes: str | float | bool | None) -> Html:
+def div(class_: str, /, *children: str, **attributes: str | float | bool | None) -> Html:
     """A `div` with its class, the commonest element here."""
     return element("div", *children, class_=class_, **attributes)
 
 
-def span(class_: str, *children: str, **attributes: str | float | bool | None) -> Html:
+def span(class_: str, /, *children: str, **attributes: str | float | bool | None) -> Html:
     """A `span` with its class."""
     return element("span", *children, class_=class_, **attributes)
