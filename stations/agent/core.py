@@ -43,7 +43,7 @@ RETRY_MAX_S = 2.0
 RENEWALS_UNANSWERED = 3
 """After so many the coordinator may have forgotten this station: it registers again."""
 SPOOL_RETRY_S = 1.0
-STOP_DEADLINE_S = 30.0
+STOP_DEADLINE_S = 6.0
 """Sequences that have not reached their safe state by then are left to the next start's record."""
 
 EXIT_STOPPED = 0

@@ -1,0 +1,135 @@
+"""The bench as its description file says now: a bench that was restarted has other addresses."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from pydantic import ValidationError
+
+from protocol.attempts import Lease
+from protocol.bench_description import BenchDescription
+from protocol.errors import Fault, TestloomError
+from protocol.plans import Plan
+from protocol.station_messages import SocketProgress
+from stations.drivers.arbitration import Arbitration
+from stations.interruptions import AbortFlag
+from stations.sequencing.runner import SequenceResult, SequenceRunner
+
+BENCH_WAIT_S = 60.0
+BENCH_POLL_S = 0.1
+MAX_DESCRIPTION_BYTES = 1_000_000
+
+
+class Runner(Protocol):
+    """Runs sequences on one socket: `SequenceRunner`, or a stand-in in tests."""
+
+    def run(
+        self, plan: Plan, lease: Lease, on_progress: Callable[[SocketProgress], None], abort: AbortFlag
+    ) -> SequenceResult: ...
+
+    def close(self) -> None: ...
+
+
+RunnerFactory = Callable[[BenchDescription, str, Arbitration, Path], Runner]
+
+
+def read_description(path: Path) -> BenchDescription:
+    """The bench's description.
+
+    Raises:
+        TestloomError: there is no such file, or it does not describe a bench.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        if len(text) > MAX_DESCRIPTION_BYTES:
+            raise ValueError(f"more than {MAX_DESCRIPTION_BYTES} characters")
+        return BenchDescription.model_validate_json(text)
+    except OSError as error:
+        raise TestloomError(
+            f"The description of the bench cannot be read: {error.strerror}.",
+            where=str(path),
+            fault=Fault.STATION,
+            remedy="start the bench (`testloom bench`), or write the description of your hardware.",
+        ) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        problem = f"at {'.'.join(str(part) for part in first['loc']) or 'the top'}: {first['msg']}"
+        raise _not_a_description(path, problem) from None
+    except (ValueError, UnicodeDecodeError) as error:
+        raise _not_a_description(path, str(error)) from None
+
+
+def await_description(path: Path, keep_waiting: Callable[[], bool]) -> BenchDescription:
+    """The description, once a bench that is still starting has written it. Raises as above."""
+    deadline = time.monotonic() + BENCH_WAIT_S
+    while not path.exists() and keep_waiting() and time.monotonic() < deadline:
+        time.sleep(BENCH_POLL_S)
+    return read_description(path)
+
+
+class BenchWatch:
+    """Runners for the sockets of a bench, made anew when the bench's description has changed.
+
+    Safe to use from the sockets' threads; the runner of a socket belongs to the socket's thread.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        description: BenchDescription,
+        recordings_dir: Path,
+        make_runner: RunnerFactory = SequenceRunner,
+    ) -> None:
+        self._path = path
+        self._identity = description.bench_identity
+        self._recordings_dir = recordings_dir
+        self._make_runner = make_runner
+        self._lock = threading.Lock()
+        self._arbitration = Arbitration(description)
+        self._runners: dict[str, tuple[BenchDescription, Runner]] = {}
+
+    def runner(self, socket: str) -> Runner:
+        """A runner for this socket on the bench as it is described now.
+
+        Raises:
+            TestloomError: the description cannot be read, or is that of another bench.
+        """
+        description = read_description(self._path)
+        if description.bench_identity != self._identity:
+            raise TestloomError(
+                f"The bench is '{description.bench_identity}' now; this station began on '{self._identity}'.",
+                where=str(self._path),
+                fault=Fault.STATION,
+                remedy="restart the station, so that the line learns of the change.",
+            )
+        with self._lock:
+            known = self._runners.get(socket)
+            if known is not None and known[0] == description:
+                return known[1]
+            if self._arbitration.bench != description:
+                self._arbitration.close()
+                self._arbitration = Arbitration(description)
+            if known is not None:
+                known[1].close()
+            runner = self._make_runner(description, socket, self._arbitration, self._recordings_dir)
+            self._runners[socket] = (description, runner)
+            return runner
+
+    def close(self) -> None:
+        """Close every link."""
+        with self._lock:
+            for _, runner in self._runners.values():
+                runner.close()
+            self._runners.clear()
+            self._arbitration.close()
+
+
+def _not_a_description(path: Path, problem: str) -> TestloomError:
+    return TestloomError(
+        f"This is not the description of a bench: {problem}.",
+        where=str(path),
+        fault=Fault.STATION,
+        remedy="correct the file, or let the bench write it again.",
+    )

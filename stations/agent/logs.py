@@ -1,0 +1,23 @@
+"""The agent's log: one JSON object a line on standard error, with wall-clock time in UTC."""
+
+import sys
+
+import structlog
+
+
+def configure_logs(line: str, station: str) -> None:
+    """Log as JSON from now on, each line with the line's and the station's name."""
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            structlog.processors.JSONRenderer(ensure_ascii=False),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger("info"),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        cache_logger_on_first_use=False,
+    )
+    structlog.contextvars.clear_contextvars()
+    structlog.contextvars.bind_contextvars(line=line, station=station)
