@@ -1,0 +1,413 @@
+# pyright: strict
+"""The firmware from boot to reset or brown-out: what RAM holds, commands, self-tests, stream, heartbeat.
+
+Time passes by `run_to`, which does everything due until then in order; commands arrive between two such
+calls. What leaves the unit carries its own bench time and waits in the outbox until that has come. The
+firmware counts in its crystal's time: every duration it keeps is true time × (1 + crystal_error).
+
+A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set)
+is not answered and counted; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
+"""
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dut_emulator.gnc_module import self_tests
+from dut_emulator.gnc_module.flash import Coefficients, Flash
+from dut_emulator.gnc_module.inertial_sensors import InertialSensors, SensorSamples
+from dut_emulator.gnc_module.stream import MAX_SAMPLES_PER_OUTPUT, SampleStream
+from dut_emulator.interfaces import Environment, LinkOutput, Surroundings
+from dut_emulator.unit_truth import UnitTruth
+from protocol import gnc_module as product
+from protocol.can_database import (
+    GNC_STATUS,
+    GNC_TEST_ECHO,
+    GNC_TEST_REQUEST,
+    PATTERN_MASK,
+    CanFrame,
+    EchoStatus,
+    UnitState,
+    decode_can,
+    encode_can,
+    message_period_s,
+)
+from protocol.errors import LinkError
+from protocol.frames import Frame, FrameParser, FrameStatistics, encode_frame
+from protocol.gnc_module import FrameType, ReplyStatus, SelfTest, Sensor
+
+REPLY_LATENCY_S = 0.5e-3
+ECHO_LATENCY_S = 1e-3
+FLASH_WRITE_S = 20e-3
+RESET_DELAY_S = 5e-3
+SILENCE_S = 20e-3
+"""After this the parser gives up an incomplete frame."""
+FIRMWARE_VERSION, HARDWARE_REVISION = "1.4.2", "C"
+
+_MEMORY_TESTS = (SelfTest.INTERNAL_RAM, SelfTest.SDRAM, SelfTest.SPI_FLASH, SelfTest.INTERNAL_FLASH)
+_NO_BIT = 0
+
+
+@dataclass
+class Hardware:
+    """What the firmware runs on, from power-on to power-off. `routed_v`: AD channel → its input voltage."""
+
+    truth: UnitTruth
+    surroundings: Surroundings
+    sensors: InertialSensors
+    rng: np.random.Generator
+    power_on_s: float
+    flash: Flash
+    supply_v: float
+    routed_v: dict[int, float]
+
+    @property
+    def second_s(self) -> float:
+        """True duration of a second by the unit's crystal."""
+        return 1.0 / (1.0 + self.truth.crystal_error)
+
+    def unit_time_us(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) the unit's clock since power-on."""
+        return np.rint((times_s - self.power_on_s) / self.second_s * 1e6)
+
+    def acting_at(self, time_s: float) -> Environment:
+        """What acts at one moment, n = 1."""
+        return self.surroundings.environment(np.array([time_s]))
+
+
+@dataclass(frozen=True)
+class RunningTest:
+    """A self-test that occupies its resource."""
+
+    test: SelfTest
+    argument: int
+    sequence: int
+    started_s: float
+
+
+class Firmware:
+    """What runs on the processor from one boot to the next. `booted_s`: when it will be READY."""
+
+    def __init__(
+        self,
+        hardware: Hardware,
+        now_s: float,
+        on_booted: Callable[[], None],
+        on_reset: Callable[[float], None],
+    ) -> None:
+        self.hardware = hardware
+        self._on_booted, self._on_reset = on_booted, on_reset
+        self._ready = False
+        self._order = count()
+        self._agenda: list[tuple[float, int, Callable[[float], None]]] = []
+        self._outbox: list[tuple[float, int, LinkOutput]] = []
+        self._parser = FrameParser()
+        self._last_received_s = now_s
+        self._running: dict[str, RunningTest] = {}
+        self._stream: SampleStream | None = None
+        self._frames_echoed = 0
+        self._heartbeat_counter = 0
+        self._error_flags: set[str] = set()
+        self._unanswered_frames = 0
+        self._at(now_s + product.BOOT_DURATION_S * hardware.second_s, self._boot_done)
+        self._heartbeat_period_s = (message_period_s(GNC_STATUS) or 0.1) * hardware.second_s
+        self._at(now_s + self._heartbeat_period_s, self._heartbeat)
+
+    @property
+    def link_statistics(self) -> FrameStatistics:
+        """What the RS-422 receiver has seen since boot."""
+        return self._parser.statistics
+
+    @property
+    def timer_period_s(self) -> float | None:
+        """True period of the square wave at TIMER_OUT; None when there is none."""
+        running = self._running.get(product.RESOURCE_OF_TEST[SelfTest.TIMER])
+        if running is None or running.test is not SelfTest.TIMER:
+            return None
+        return running.argument * 1e-6 * self.hardware.second_s
+
+    def next_event_s(self) -> float | None:
+        """When something will happen or leave by itself."""
+        times = [entry[0] for entry in (*self._agenda[:1], *self._outbox[:1])]
+        if self._stream is not None:
+            times.append(self._stream.next_block_s())
+        return min(times, default=None)
+
+    def run_to(self, to_s: float) -> list[LinkOutput]:
+        """Do what is due; everything that has left the unit, in order of time."""
+        while self._agenda and self._agenda[0][0] <= to_s:  # a restart empties the agenda
+            time_s, _, action = heapq.heappop(self._agenda)
+            action(time_s)
+        if self._stream is not None:
+            self._send_samples(self._stream, to_s, whole_blocks=True)
+        left: list[LinkOutput] = []
+        while self._outbox and self._outbox[0][0] <= to_s:
+            left.append(heapq.heappop(self._outbox)[2])
+        return left
+
+    # --- what arrives
+
+    def receive_rs422(self, data: bytes, now_s: float) -> None:
+        """Bytes on RS-422. While booting nobody listens."""
+        if not self._ready:
+            return
+        found = self._parser.flush() if now_s - self._last_received_s > SILENCE_S else []
+        self._last_received_s = now_s
+        for item in (*found, *self._parser.feed(data)):
+            for frame in (item,) if isinstance(item, Frame) else item.frames():
+                self._handle(frame, now_s)
+
+    def receive_can(self, identifier: int, data: bytes, now_s: float) -> None:
+        """A CAN frame. Anything but a well-formed request is not for us."""
+        if not self._ready or self.hardware.truth.digital.can_silent:
+            return
+        try:
+            message = decode_can(identifier, data)
+        except LinkError:
+            self._unanswered_frames += 1
+            return
+        if message.name != GNC_TEST_REQUEST:
+            return
+        armed = product.RESOURCE_OF_TEST[SelfTest.CAN] in self._running
+        self._frames_echoed += armed
+        echo = {
+            "inverted_pattern": int(message.signals["pattern"]) ^ PATTERN_MASK,
+            "counter": message.signals["counter"],
+            "status": int(EchoStatus.OK if armed else EchoStatus.NOT_READY),
+        }
+        self._send_can(encode_can(GNC_TEST_ECHO, echo), now_s + ECHO_LATENCY_S)
+
+    # --- commands
+
+    def _handle(self, frame: Frame, now_s: float) -> None:
+        if frame.type & product.REPLY_BIT:
+            self._unanswered_frames += 1
+            return
+        handlers: dict[int, Callable[[Frame, float], None]] = {
+            FrameType.IDENTIFY: self._identify,
+            FrameType.SELF_TEST: self._self_test,
+            FrameType.START_STREAM: self._start_stream,
+            FrameType.STOP_STREAM: self._stop_stream,
+            FrameType.WRITE_COEFFICIENTS: self._write_coefficients,
+            FrameType.READ_COEFFICIENTS: self._read_coefficients,
+            FrameType.RESET: self._reset,
+            FrameType.ECHO: self._echo,
+        }
+        handler = handlers.get(frame.type)
+        if handler is None:
+            self._answer(frame, ReplyStatus.UNKNOWN, now_s)
+        else:
+            handler(frame, now_s)
+
+    def _identify(self, frame: Frame, now_s: float) -> None:
+        identity = product.IDENTITY_LAYOUT.pack(
+            ReplyStatus.DONE,
+            self.hardware.truth.serial.encode("ascii")[:32],
+            FIRMWARE_VERSION.encode("ascii"),
+            HARDWARE_REVISION.encode("ascii"),
+        )
+        self._send_frame(frame, identity, now_s + REPLY_LATENCY_S)
+
+    def _echo(self, frame: Frame, now_s: float) -> None:
+        self._answer(frame, ReplyStatus.DONE, now_s, frame.payload)
+
+    def _reset(self, frame: Frame, now_s: float) -> None:
+        self._answer(frame, ReplyStatus.DONE, now_s)
+        self._at(now_s + RESET_DELAY_S, self._restart)
+
+    def _restart(self, now_s: float) -> None:
+        """The end of this firmware's RAM: what has left has left, what was to leave later never will."""
+        if self._stream is not None:
+            self._send_samples(self._stream, now_s, whole_blocks=True)
+        self._stream = None
+        self._agenda.clear()
+        self._outbox = [entry for entry in self._outbox if entry[0] <= now_s]
+        heapq.heapify(self._outbox)
+        self._on_reset(now_s)
+
+    def _start_stream(self, frame: Frame, now_s: float) -> None:
+        if len(frame.payload) != product.START_STREAM_LAYOUT.size:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        rate_hz, flags = product.START_STREAM_LAYOUT.unpack(frame.payload)
+        if rate_hz not in product.STREAM_RATES_HZ or flags > 1:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        if self._imu_is_busy():
+            return self._answer(frame, ReplyStatus.BUSY, now_s)
+        period_s = self.hardware.second_s / rate_hz
+        self._stream = SampleStream(rate_hz, bool(flags & 1), now_s + REPLY_LATENCY_S, period_s)
+        self._answer(frame, ReplyStatus.DONE, now_s)
+
+    def _stop_stream(self, frame: Frame, now_s: float) -> None:
+        if self._stream is not None:
+            self._send_samples(self._stream, now_s, whole_blocks=False)
+            self._stream = None
+        self._answer(frame, ReplyStatus.DONE, now_s)
+
+    def _write_coefficients(self, frame: Frame, now_s: float) -> None:
+        if len(frame.payload) != product.COEFFICIENTS_LAYOUT.size:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        sensor, *numbers = product.COEFFICIENTS_LAYOUT.unpack(frame.payload)
+        coefficients = Coefficients(tuple(numbers[:9]), tuple(numbers[9:]))
+        if sensor not in tuple(Sensor) or not coefficients.is_acceptable:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        self.hardware.flash = self.hardware.flash.with_coefficients(Sensor(sensor), coefficients)
+        self._answer(frame, ReplyStatus.DONE, now_s + FLASH_WRITE_S)
+
+    def _read_coefficients(self, frame: Frame, now_s: float) -> None:
+        if len(frame.payload) != 1 or frame.payload[0] not in tuple(Sensor):
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        sensor = Sensor(frame.payload[0])
+        entry = self.hardware.flash.coefficients[sensor]
+        packed = product.COEFFICIENTS_LAYOUT.pack(sensor, *entry.matrix, *entry.bias)
+        self._answer(frame, ReplyStatus.DONE, now_s, packed)
+
+    # --- self-tests
+
+    def _self_test(self, frame: Frame, now_s: float) -> None:
+        if len(frame.payload) != product.SELF_TEST_LAYOUT.size:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        number, argument = product.SELF_TEST_LAYOUT.unpack(frame.payload)
+        echoed = product.SELF_TEST_LAYOUT.pack(number, argument)
+        if number not in tuple(SelfTest):
+            return self._answer(frame, ReplyStatus.UNKNOWN, now_s, echoed)
+        test = SelfTest(number)
+        if not _is_valid_argument(test, argument):
+            return self._answer(frame, ReplyStatus.INVALID, now_s, echoed)
+        resource = product.RESOURCE_OF_TEST[test]
+        if resource in self._running or (test is SelfTest.IMU and self._imu_is_busy()):
+            return self._answer(frame, ReplyStatus.BUSY, now_s, echoed)
+        self._running[resource] = RunningTest(test, argument, frame.sequence, now_s)
+        if test is SelfTest.CAN:
+            self._frames_echoed = 0
+        self._answer(frame, ReplyStatus.ACCEPTED, now_s, echoed)
+        duration_s = product.TEST_DURATION_S[test] * self.hardware.second_s
+        self._at(now_s + duration_s, lambda end_s: self._self_test_done(resource, end_s))
+
+    def _self_test_done(self, resource: str, now_s: float) -> None:
+        running = self._running.pop(resource)
+        head = product.SELF_TEST_REPLY_HEAD.pack(ReplyStatus.DONE, running.test, running.argument)
+        command = Frame(FrameType.SELF_TEST, running.sequence, b"")
+        self._send_frame(command, head + self._values(running, now_s), now_s)
+
+    def _values(self, running: RunningTest, now_s: float) -> bytes:
+        hardware, truth = self.hardware, self.hardware.truth
+        match running.test:
+            case SelfTest.CPU:
+                return self_tests.cpu_values()
+            case SelfTest.TIMER:
+                return self_tests.timer_values(product.TEST_DURATION_S[SelfTest.TIMER], running.argument)
+            case SelfTest.IMU:
+                return self_tests.imu_values(self._sample_while(running, now_s))
+            case SelfTest.GNSS:
+                return self_tests.gnss_values(truth, hardware.rng)
+            case SelfTest.AD:
+                field_t = hardware.sensors.field_t(hardware.acting_at(now_s).field_t)[0]
+                return self_tests.ad_values(truth, field_t, hardware.routed_v, hardware.rng)
+            case SelfTest.IO:
+                return self_tests.io_values(truth, running.argument & 0xFF, running.argument >> 8)
+            case SelfTest.SPI:
+                return self_tests.spi_values(truth)
+            case SelfTest.CAN:
+                return product.CAN_VALUES.pack(self._frames_echoed)
+            case memory:
+                assert memory in _MEMORY_TESTS
+                return self_tests.memory_values(truth, memory)
+
+    def _sample_while(self, running: RunningTest, now_s: float) -> SensorSamples:
+        period_s = self.hardware.second_s / self_tests.IMU_TEST_RATE_HZ
+        number = round((now_s - running.started_s) / period_s)
+        times_s = np.minimum(running.started_s + period_s * np.arange(1, number + 1), now_s)
+        return self.hardware.sensors.sample(
+            times_s, period_s, self.hardware.surroundings.environment(times_s)
+        )
+
+    def _imu_is_busy(self) -> bool:
+        return self._stream is not None or product.RESOURCE_OF_TEST[SelfTest.IMU] in self._running
+
+    # --- what leaves by itself
+
+    def _boot_done(self, _now_s: float) -> None:
+        self._ready = True
+        self._on_booted()
+
+    def _heartbeat(self, now_s: float) -> None:
+        self._at(now_s + self._heartbeat_period_s, self._heartbeat)
+        hardware = self.hardware
+        warmth = hardware.sensors.temperature_c(hardware.acting_at(now_s).temperature_c, np.array([now_s]))
+        temperature_c = round(float(warmth[0]) + hardware.truth.temperature_error_c, 2)
+        identifier, data = _status_frame(self._unit_state(), round(hardware.supply_v, 3), temperature_c)
+        data = data[:1] + bytes((self._heartbeat_counter,)) + data[2:]
+        self._heartbeat_counter = (self._heartbeat_counter + 1) % 256
+        self._send_can(CanFrame(identifier, data), now_s)
+
+    def _unit_state(self) -> UnitState:
+        if not self._ready:
+            return UnitState.STARTING
+        if self._running:
+            return UnitState.SELF_TEST
+        return UnitState.STREAMING if self._stream is not None else UnitState.IDLE
+
+    def _send_samples(self, stream: SampleStream, now_s: float, *, whole_blocks: bool) -> None:
+        due = stream.due(now_s, whole_blocks=whole_blocks)
+        while due > 0:
+            number = min(due, MAX_SAMPLES_PER_OUTPUT)
+            due -= number
+            times_s = np.minimum(stream.instants_s(number), now_s)
+            acting = self.hardware.surroundings.environment(times_s)
+            samples = self.hardware.sensors.sample(times_s, stream.period_s, acting)
+            if stream.compensated:
+                coefficients = self.hardware.flash.coefficients
+                samples = samples.compensated(coefficients[Sensor.GYRO], coefficients[Sensor.ACC])
+            data = stream.encode(samples, self.hardware.unit_time_us(times_s))
+            self._send(LinkOutput(float(times_s[-1]), "rs422", data))
+
+    # --- plumbing
+
+    def _at(self, time_s: float, action: Callable[[float], None]) -> None:
+        heapq.heappush(self._agenda, (time_s, next(self._order), action))
+
+    def _answer(self, frame: Frame, status: ReplyStatus, now_s: float, rest: bytes = b"") -> None:
+        self._send_frame(frame, bytes((status,)) + rest, now_s + REPLY_LATENCY_S)
+
+    def _send_frame(self, command: Frame, payload: bytes, time_s: float) -> None:
+        data = encode_frame(command.type | product.REPLY_BIT, command.sequence, payload)
+        self._send(LinkOutput(time_s, "rs422", data))
+
+    def _send_can(self, frame: CanFrame, time_s: float) -> None:
+        if not self.hardware.truth.digital.can_silent:
+            self._send(LinkOutput(time_s, "can", frame.data, frame.identifier))
+
+    def _send(self, output: LinkOutput) -> None:
+        heapq.heappush(self._outbox, (output.time_s, next(self._order), output))
+
+
+def _is_valid_argument(test: SelfTest, argument: int) -> bool:
+    """TIMER and IO take an argument; of the others it is ignored."""
+    if test is SelfTest.TIMER:
+        return argument in product.TIMER_PERIODS_US
+    if test is SelfTest.IO:
+        output_line, input_line = argument & 0xFF, argument >> 8
+        return output_line < self_tests.IO_LINES > input_line and output_line != input_line
+    return True
+
+
+@lru_cache(maxsize=1024)
+def _status_frame(state: UnitState, supply_v: float, temperature_c: float) -> CanFrame:
+    """A heartbeat with counter 0; cached, because ten a second are sent and few differ."""
+    flags = ("imu", "gnss", "memory", "flash", "timer", "adc", "io", "link")
+    signals = {f"{flag}_error": _NO_BIT for flag in flags}
+    return encode_can(
+        GNC_STATUS,
+        {
+            "state": int(state),
+            "heartbeat_counter": 0,
+            **signals,
+            "supply_voltage": supply_v,
+            "temperature": temperature_c,
+        },
+    )
