@@ -9,9 +9,10 @@ import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 from protocol.bench_description import BenchDescription
-from protocol.errors import Fault, LinkTimeoutError
+from protocol.errors import Fault, LinkError, LinkTimeoutError
 from stations.drivers.clock import BranchClock
 from stations.drivers.scpi import ScpiSession
 
@@ -20,13 +21,24 @@ MAX_WAIT_WALL_S = 60.0
 WAIT_POLL_S = 0.05
 
 
+@dataclass(eq=False)
+class _Ticket:
+    clock: BranchClock
+    granted: bool = False
+    failure: LinkError | None = None
+
+
 class FairLock:
-    """A lock that is given to its waiters in the order in which they came."""
+    """A lock that is given to its waiters in the order in which they came.
+
+    Who gives it back puts the next one's clock back to work before it goes on itself; otherwise
+    bench time could run away between the two.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._condition = threading.Condition()
-        self._queue: deque[object] = deque()
+        self._queue: deque[_Ticket] = deque()
 
     @contextmanager
     def held(self, clock: BranchClock) -> Iterator[None]:
@@ -35,28 +47,31 @@ class FairLock:
         Raises on entry:
             LinkTimeoutError: it did not become free within MAX_WAIT_WALL_S.
             SequenceAborted: the sequence was aborted meanwhile.
+            LinkError: the bench is dead.
         """
-        ticket = object()
+        ticket = _Ticket(clock)
+        left_at_s = clock.now_s()
         with self._condition:
+            ticket.granted = not self._queue
+            if not ticket.granted:
+                clock.leave()
             self._queue.append(ticket)
-            must_wait = self._queue[0] is not ticket
         try:
-            if must_wait:
-                with clock.outside():
-                    self._wait_for_turn(ticket, clock)
+            if not ticket.granted:
+                self._wait_for_turn(ticket)
+                clock.extend_step(clock.now_s() - left_at_s)
             yield
         finally:
-            with self._condition:
-                self._queue.remove(ticket)
-                self._condition.notify_all()
+            self._give_back(ticket)
 
-    def _wait_for_turn(self, ticket: object, clock: BranchClock) -> None:
-        polls = int(MAX_WAIT_WALL_S / WAIT_POLL_S)
+    def _wait_for_turn(self, ticket: _Ticket) -> None:
         with self._condition:
-            for _ in range(polls):
-                if self._queue[0] is ticket:
+            for _ in range(int(MAX_WAIT_WALL_S / WAIT_POLL_S)):
+                if ticket.granted:
+                    if ticket.failure is not None:
+                        raise ticket.failure
                     return
-                clock.interruption()
+                ticket.clock.interruption()
                 self._condition.wait(WAIT_POLL_S)
         raise LinkTimeoutError(
             f"The shared {self._name} did not become free within {MAX_WAIT_WALL_S:g} s.",
@@ -64,6 +79,20 @@ class FairLock:
             fault=Fault.STATION,
             remedy="see which socket of the bench holds it; restart the station.",
         )
+
+    def _give_back(self, ticket: _Ticket) -> None:
+        with self._condition:
+            self._queue.remove(ticket)
+            if not ticket.granted:
+                ticket.clock.join()
+            elif self._queue:
+                successor = self._queue[0]
+                try:
+                    successor.clock.join()
+                except LinkError as error:
+                    successor.failure = error
+                successor.granted = True
+                self._condition.notify_all()
 
 
 class Arbitration:

@@ -40,6 +40,34 @@ class CanPort:
         """The serial port under an slcan bus."""
         return getattr(self.bus, "serialPortOrig", None)
 
+    def take(self) -> can.Message | None:
+        """The next data frame that is here, without waiting. Raises LinkError: the adapter is gone."""
+        for _ in range(MAX_MESSAGES_AT_ONCE):
+            try:
+                frame = self.bus.recv(timeout=0)
+            except (can.CanError, OSError, ValueError) as error:
+                raise self.lost(error) from None
+            if frame is None:
+                return None
+            if not frame.is_error_frame and not frame.is_remote_frame:
+                return frame
+        return None
+
+    def discard(self) -> None:
+        """Forget what has come so far. Raises LinkError: the adapter is gone."""
+        for _ in range(MAX_MESSAGES_AT_ONCE):
+            if self.take() is None:
+                return
+
+    def lost(self, error: Exception) -> LinkError:
+        """The error for an adapter that worked before: never the unit's fault."""
+        return LinkError(
+            f"The CAN adapter was lost: {error}.",
+            where=self.where,
+            fault=Fault.STATION,
+            remedy="check the adapter's cable; the station opens it again.",
+        )
+
     def close(self) -> None:
         """Leave the bus."""
         with contextlib.suppress(can.CanError, OSError):
@@ -65,7 +93,7 @@ class CanLink:
                 can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
             )
         except (can.CanError, OSError) as error:
-            raise self._lost(error) from None
+            raise self._port.lost(error) from None
 
     def receive(self, until_s: float, name: str | None = None) -> CanMessage | None:
         """The next message (of this name), or None if none comes until a moment of bench time.
@@ -82,35 +110,19 @@ class CanLink:
             waiting = self._wait(seen, until_s)
 
     def discard(self) -> None:
-        """Forget what has come so far."""
-        while self._next(None) is not None:
-            pass
+        """Forget what has come so far. Raises LinkError: the adapter is gone."""
+        self._port.discard()
 
     def _wait(self, seen: int, until_s: float) -> bool:
         port = self._port.serial_port
-        if port is not None:
-            return self._clock.wait_for_bytes(port, seen, until_s)
-        return self._clock.wait_for_bytes(self._port.bus, 0, until_s)
+        return self._clock.wait_for_bytes(self._port.bus if port is None else port, seen, until_s)
 
     def _next(self, name: str | None) -> CanMessage | None:
         for _ in range(MAX_MESSAGES_AT_ONCE):
-            try:
-                frame = self._port.bus.recv(timeout=0)
-            except (can.CanError, OSError) as error:
-                raise self._lost(error) from None
+            frame = self._port.take()
             if frame is None:
                 return None
-            if frame.is_error_frame or frame.is_remote_frame:
-                continue
             message = decode_can(frame.arbitration_id, bytes(frame.data))
             if name is None or message.name == name:
                 return message
         return None
-
-    def _lost(self, error: Exception) -> LinkError:
-        return LinkError(
-            f"The CAN adapter was lost: {error}.",
-            where=self._port.where,
-            fault=Fault.STATION,
-            remedy="check the adapter's cable; the station opens it again.",
-        )

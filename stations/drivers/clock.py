@@ -8,8 +8,7 @@ import select
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from serial import SerialException
@@ -22,6 +21,8 @@ from stations.interruptions import StepTimeout
 MAX_WAIT_BENCH_S = 5.0
 """Longer waits are cut, so that a streaming link is drained on the way and not at the end."""
 WALL_POLL_S = 0.02
+TRANSFER_S = 0.05
+"""On hardware, a byte that was sent is here after this."""
 
 
 def _never() -> None:
@@ -47,6 +48,10 @@ class BranchClock(ABC):
     @abstractmethod
     def _wait(self, until_s: float, port: Any | None, seen: int) -> None:
         """Let time pass to `until_s`, or less: a slice of it, or until `port` got more than `seen` bytes."""
+
+    @abstractmethod
+    def catch_up(self) -> None:
+        """Take in what every link has been handed until now, also where no reply tells its end."""
 
     @abstractmethod
     def join(self) -> None:
@@ -93,17 +98,10 @@ class BranchClock(ABC):
         self._wait(self._bounded(until_s), port, seen)
         return True
 
-    @contextmanager
-    def outside(self) -> Iterator[None]:
-        """While waiting for something that is not the bench; the step's time stands meanwhile."""
-        left_at_s = self.now_s()
-        self.leave()
-        try:
-            yield
-        finally:
-            self.join()
-            if self._step_deadline_s is not None:
-                self._step_deadline_s += self.now_s() - left_at_s
+    def extend_step(self, by_s: float) -> None:
+        """Give the step more time: what it spent waiting for others is not its own."""
+        if self._step_deadline_s is not None:
+            self._step_deadline_s += by_s
 
     def _bounded(self, time_s: float) -> float:
         limits = [time_s, self.now_s() + MAX_WAIT_BENCH_S]
@@ -181,6 +179,9 @@ class LockstepClock(BranchClock):
             return self._known_s
         return self._known_s + (time.monotonic() - self._known_at) * self._pace
 
+    def catch_up(self) -> None:
+        self._wait(self.now_s(), None, 0)
+
     def join(self) -> None:
         hello = self._control.connect()
         self._learn(hello if hello is not None else self._control.request(Resume()))
@@ -207,6 +208,9 @@ class WallClock(BranchClock):
 
     def now_s(self) -> float:
         return time.monotonic()
+
+    def catch_up(self) -> None:
+        time.sleep(TRANSFER_S)
 
     def join(self) -> None:
         """Nothing to do."""

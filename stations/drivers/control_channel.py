@@ -1,6 +1,7 @@
 """A connection to an emulated bench's control channel: one participant of its clock."""
 
 import contextlib
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -52,7 +53,9 @@ class ControlChannel:
             LinkError: the bench is not there, or refuses.
         """
         if self._socket is not None:
-            return None
+            if not self._has_ended(self._socket):
+                return None
+            self.close()
         host, _, port = self._address.rpartition(":")
         try:
             self._socket = socket.create_connection((host, int(port)), timeout=CONNECT_TIMEOUT_S)
@@ -88,6 +91,11 @@ class ControlChannel:
             with contextlib.suppress(OSError):
                 self._socket.close()
             self._socket = None
+
+    @staticmethod
+    def _has_ended(connection: socket.socket) -> bool:
+        """An idle connection that the bench has closed; nothing is ever sent to an idle one."""
+        return bool(select.select([connection], [], [], 0)[0])
 
     def _exchange(
         self, request: ControlRequest, expected_wall_s: float, interruption: Callable[[], None]

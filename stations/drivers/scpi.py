@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 import pyvisa
+from pyvisa.constants import StatusCode
 
 from protocol.errors import Fault, LinkError, LinkTimeoutError
 
@@ -129,7 +130,4 @@ class ScpiSession:
 
 
 def _is_timeout(error: Exception) -> bool:
-    return (
-        isinstance(error, pyvisa.errors.VisaIOError)
-        and error.error_code == pyvisa.constants.StatusCode.error_timeout
-    )
+    return isinstance(error, pyvisa.errors.VisaIOError) and error.error_code == StatusCode.error_timeout
