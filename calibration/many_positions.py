@@ -12,6 +12,7 @@ from calibration.algorithms.noise_covariance import BLOCKS_PER_REST, Observation
 from calibration.algorithms.screening import MIN_STATIC_SAMPLES, NotUsed, screen_static
 from calibration.evaluation import Evaluation, GyroBias, Residual
 from calibration.rest_segments import Segment, rests
+from calibration.site_gravity import Gravity
 from protocol.errors import CalibrationError, Fault
 from protocol.language import say
 from protocol.recordings import Recording
@@ -23,8 +24,7 @@ MAX_POSES = 1000
 def evaluate_positions(
     recording: Recording,
     folder: Path | None,
-    gravity_m_s2: float,
-    gravity_sentence: str,
+    local: Gravity,
     *,
     acc_range_m_s2: float | None,
 ) -> Evaluation:
@@ -33,7 +33,7 @@ def evaluate_positions(
     Args:
         recording: with acc_x, acc_y, acc_z in its stream 'dut'.
         folder: where tables beside the recording are looked for.
-        gravity_m_s2, gravity_sentence: magnitude of gravity and where it is from.
+        local: gravity at the site.
         acc_range_m_s2: end of the accelerometer's range; None: not known.
 
     Raises:
@@ -67,7 +67,7 @@ def evaluate_positions(
         )
     means = np.array([acc[index].mean(axis=0) for _, index in rows]).reshape(-1, 3)
     variance = _mean_variance(rows, acc, means)
-    fit = fit_multi_position(means, variance, gravity_m_s2, f"recording {recording.recording_id}")
+    fit = fit_multi_position(means, variance, local.magnitude_m_s2, f"recording {recording.recording_id}")
     gyro_bias = None
     if stream.has("gyro_x", "gyro_y", "gyro_z"):
         gyro_bias = _gyro_bias(rows, stream.si("gyro_x", "gyro_y", "gyro_z"))
@@ -79,14 +79,14 @@ def evaluate_positions(
         serial=str(recording.unit.get("serial", "")),
         product=str(recording.unit.get("product", "")),
         method="multi_position",
-        acc=fit.coefficients,
+        acc=fit.coefficients.with_input_uncertainty(local.relative_uncertainty),
         gyro=None,
         gyro_bias=gyro_bias,
         residuals=tuple(
             Residual(name, (float(value),), "m/s^2")
             for (name, _), value in zip(rows, fit.norm_residuals_m_s2, strict=True)
         ),
-        assumptions=(gravity_sentence, *_sentences(source, len(rows), fit.between_rests_m_s2, fit.assumed)),
+        assumptions=(local.sentence, *_sentences(source, len(rows), fit.between_rests_m_s2, fit.assumed)),
         not_used=tuple(not_used),
     )
 

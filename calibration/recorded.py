@@ -27,10 +27,11 @@ from calibration.evaluation import Evaluation, Residual
 from calibration.imu_session import NotUsed, Rotation, SlowNoise, StaticPose, calibrate_imu
 from calibration.many_positions import evaluate_positions
 from calibration.rest_segments import named_sections
+from calibration.site_gravity import gravity
 from protocol.errors import CalibrationError, Fault
 from protocol.language import say
 from protocol.recordings import Recording, Stream
-from protocol.units_of_measure import STANDARD_GRAVITY_M_S2, factor_to_si
+from protocol.units_of_measure import factor_to_si
 
 FERRARIS_PREFIX = "ferraris_"
 FERRARIS_PARTS = (*POSES, *TURNS)
@@ -94,24 +95,9 @@ def evaluate(group: Sequence[Source]) -> Evaluation:
     return evaluate_positions(
         first.recording,
         first.folder,
-        *gravity(first.recording),
+        gravity(first.recording),
         acc_range_m_s2=sensor_range(first.recording, "acc"),
     )
-
-
-def gravity(recording: Recording) -> tuple[float, str]:
-    """Magnitude of gravity for a recording (m/s^2), and the sentence that says where it is from."""
-    stated = recording.site.get("gravity_m_s2")
-    if isinstance(stated, int | float) and math.isfinite(stated) and stated > 0:
-        return float(stated), say(
-            "gravity {gravity} m/s² as the recording's site says", gravity=f"{stated:.5f}"
-        )
-    sentence = say(
-        "gravity {gravity} m/s², standard: the recording does not say its site "
-        "(up to 0.3 % on every accelerometer scale factor)",
-        gravity=f"{STANDARD_GRAVITY_M_S2:.5f}",
-    )
-    return STANDARD_GRAVITY_M_S2, sentence
 
 
 def sensor_range(recording: Recording, kind: str) -> float | None:
@@ -178,17 +164,17 @@ def _ferraris(
     not_used: tuple[NotUsed, ...],
 ) -> Evaluation:
     recording = group[0].recording
-    gravity_m_s2, gravity_sentence = gravity(recording)
+    local = gravity(recording)
     found = calibrate_ferraris(
         rests,
         turns,
-        gravity_m_s2,
+        local.magnitude_m_s2,
         gyro_range_rad_s=sensor_range(recording, "gyro"),
         acc_range_m_s2=sensor_range(recording, "acc"),
     )
     directions = ", ".join(f"{name[0]} {count * 360:+d}°" for name, count in found.turns.items())
     assumptions = (
-        gravity_sentence,
+        local.sentence,
         say("body axes: faces of the housing as it stood on the surface"),
         say(
             "poses by hand, aligned to {angle}° (standard deviation, estimated from the poses)",
@@ -215,7 +201,7 @@ def _ferraris(
         serial=str(recording.unit.get("serial", "")),
         product=str(recording.unit.get("product", "")),
         method="ferraris",
-        acc=found.acc.coefficients,
+        acc=found.acc.coefficients.with_input_uncertainty(local.relative_uncertainty),
         gyro=found.gyro.coefficients,
         gyro_bias=None,
         residuals=tuple(residuals),

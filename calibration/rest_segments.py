@@ -102,7 +102,8 @@ def _rests_of_stand(stand: Stream, time_s: FloatArray) -> tuple[Segment, ...]:
     if len(stand_time_s) < 2:
         return ()
     spacing = np.diff(stand_time_s)
-    still = (np.abs(stand.si("rate_x", "rate_y", "rate_z")) <= REST_RATE_RAD_S).all(axis=1)
+    rates = np.abs(stand.si("rate_x", "rate_y", "rate_z"))
+    still: NDArray[np.bool_] = np.asarray(np.all(rates <= REST_RATE_RAD_S, axis=1), dtype=np.bool_)
     linked = still[1:] & still[:-1] & (spacing <= MAX_STAND_ROW_GAP * float(np.median(spacing)))
     edges = np.diff(np.concatenate([[False], linked, [False]]).astype(np.int8))
     segments: list[Segment] = []

@@ -12,7 +12,7 @@ zero input; `bias_input_referred` is K b (paper 1 calls it epsilon = K_g n_0).
 Order of the covariance (12, 12): m_xx m_xy m_xz m_yx m_yy m_yz m_zx m_zy m_zz b_x b_y b_z.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -89,7 +89,7 @@ class TriadCoefficients:
     @property
     def compensation(self) -> FloatArray:
         """K = inv(M), shape (3, 3)."""
-        return np.linalg.inv(self.matrix)
+        return np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
 
     def compensate(self, output: FloatArray) -> FloatArray:
         """u = K (y - b): (n, 3) or (3,) outputs to inputs, SI, body axes (paper 1, eq (1), (2))."""
@@ -152,6 +152,16 @@ class TriadCoefficients:
         """
         axes = self.matrix / np.linalg.norm(self.matrix, axis=1, keepdims=True)
         return np.arcsin(np.clip([axes[0] @ axes[1], axes[0] @ axes[2], axes[1] @ axes[2]], -1.0, 1.0))
+
+    def with_input_uncertainty(self, relative: float) -> "TriadCoefficients":
+        """The same coefficients when all inputs share a scale error of this relative standard uncertainty.
+
+        Gravity at an unknown site is such an error: it moves all of M together and leaves b.
+        """
+        elements = self.matrix.ravel()
+        covariance = self.covariance.copy()
+        covariance[:9, :9] += relative**2 * np.outer(elements, elements)
+        return replace(self, covariance=covariance)
 
     def bias_input_referred(self) -> FloatArray:
         """K b, shape (3,), SI: the bias as an input (paper 1: epsilon = K_g n_0)."""

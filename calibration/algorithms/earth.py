@@ -33,7 +33,7 @@ def earth_rotation_body(dcm_body_from_ned: FloatArray, time_s: FloatArray, latit
         latitude_rad: of the site.
     """
     rate_body = dcm_body_from_ned @ earth_rate_ned(latitude_rad)
-    return np.trapezoid(rate_body, time_s, axis=0)
+    return np.asarray(np.trapezoid(rate_body, time_s, axis=0), dtype=np.float64)
 
 
 def unknown_pose_covariance() -> FloatArray:

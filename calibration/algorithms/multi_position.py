@@ -72,7 +72,7 @@ def fit_multi_position(
     """
     if len(means) < MIN_RESTS:
         raise _refused(
-            f"{len(means)} rests cannot carry nine parameters.",
+            f"Nine parameters need at least {MIN_RESTS} rests; {len(means)} can be used.",
             where,
             f"record at least {MIN_RESTS} attitudes",
         )
@@ -102,7 +102,7 @@ def fit_multi_position(
     if between > 0.0:
         # The scatter was taken from the residuals: variance of the t distribution (JCGM 101, 6.4.9.2).
         information *= (max(freedom, 3) - 2) / max(freedom, 3)
-    covariance = np.linalg.inv(information + np.diag(held / PRIOR_NONORTHOGONALITY_RAD**2))
+    covariance: FloatArray = _inverse(information + np.diag(held / PRIOR_NONORTHOGONALITY_RAD**2))
     coefficients = _coefficients(parameters, covariance, residuals, freedom)
     return MultiPositionFit(coefficients, residuals, between, condition, assumed)
 
@@ -119,6 +119,7 @@ def check_attitudes(jacobian: FloatArray, where: str) -> tuple[tuple[str, ...], 
             attitudes cannot tell apart.
     """
     kept = list(range(len(PARAMETERS)))
+    singular = np.ones(1)
     for _ in range(4):  # three non-orthogonalities can be open, not more
         _, singular, directions = np.linalg.svd(jacobian[:, kept], full_matrices=False)
         smallest = float(singular[-1]) / np.sqrt(len(jacobian))
@@ -178,10 +179,14 @@ def _solve(
     where: str,
 ) -> FloatArray:
     prior = np.diag(held / PRIOR_NONORTHOGONALITY_RAD)[held]
+
+    def jacobian(parameters: FloatArray) -> FloatArray:
+        return np.vstack([_raw_jacobian(parameters, means) * weights[:, None], prior])
+
     found = least_squares(
         lambda p: np.concatenate([_residuals(p, means, gravity) * weights, prior @ p]),
         start,
-        jac=lambda p: np.vstack([_raw_jacobian(p, means) * weights[:, None], prior]),
+        jac=jacobian,  # pyright: ignore[reportArgumentType]  # scipy takes a callable; its stub says str
         x_scale=1.0 / _column_scale(means),
         max_nfev=MAX_ITERATIONS,
         xtol=1e-14,
@@ -208,14 +213,14 @@ def _between_rests(residuals: FloatArray, variance: FloatArray, freedom: int) ->
     tiny = 1e-20
     if excess(tiny) <= 0:
         return 0.0
-    return float(np.sqrt(brentq(excess, tiny, float((residuals**2).sum()))))
+    root = brentq(excess, tiny, float((residuals**2).sum()))
+    return float(np.sqrt(np.float64(root)))  # pyright: ignore[reportArgumentType, reportCallIssue]
 
 
 def _coefficients(
     parameters: FloatArray, parameter_covariance: FloatArray, residuals: FloatArray, freedom: int
 ) -> TriadCoefficients:
-    compensation = _compensation(parameters)
-    matrix = np.linalg.inv(compensation)
+    matrix = _inverse(_compensation(parameters))
     placed = np.zeros((12, 9))  # parameters → (K row by row, b)
     for column, (i, j) in enumerate(UPPER):
         placed[3 * i + j, column] = 1.0
@@ -232,6 +237,10 @@ def _coefficients(
         residual_rms=float(np.sqrt((residuals**2).mean())),
         degrees_of_freedom=freedom,
     )
+
+
+def _inverse(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def _refused(what: str, where: str, remedy: str) -> CalibrationError:

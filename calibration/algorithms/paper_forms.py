@@ -25,7 +25,9 @@ def six_position(output_means: FloatArray, specific_force: FloatArray) -> tuple[
         specific_force: F, shape (n, 3).
     """
     augmented = np.column_stack([output_means, np.ones(len(output_means))])
-    solution = np.linalg.lstsq(augmented, specific_force, rcond=None)[0]
+    solution: FloatArray = np.asarray(
+        np.linalg.lstsq(augmented, specific_force, rcond=None)[0], dtype=np.float64
+    )
     return solution[:3].T.copy(), solution[3].copy()
 
 

@@ -35,7 +35,7 @@ def saturated(samples: FloatArray, range_limit: float | None) -> NDArray[np.bool
     if range_limit is None:
         return np.zeros(len(samples), dtype=np.bool_)
     with np.errstate(invalid="ignore"):
-        return (np.abs(samples) >= range_limit).any(axis=1)
+        return np.asarray(np.any(np.abs(samples) >= range_limit, axis=1), dtype=np.bool_)
 
 
 def screen_static(

@@ -54,7 +54,7 @@ def detect_rests(time_s: FloatArray, sensors: tuple[FloatArray, ...]) -> tuple[t
 
 def _moving_variance(samples: FloatArray, window: int) -> FloatArray:
     """Sum of the channels' variances in each window, shape (n - window + 1,); NaN where a sample is."""
-    missing = ~np.isfinite(samples).all(axis=1)
+    missing: NDArray[np.bool_] = np.asarray(np.any(~np.isfinite(samples), axis=1), dtype=np.bool_)
     centred = np.where(missing[:, None], 0.0, samples)
     centred = centred - centred.mean(axis=0)
 

@@ -1,0 +1,292 @@
+"""`testloom calibrate`: coefficients with standard uncertainties from recordings of real sensors."""
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from calibration.algorithms.coefficients import FloatArray, TriadCoefficients
+from calibration.evaluation import Evaluation
+from calibration.published import ComparedReference, Comparison, compare_with_published
+from calibration.recorded import Source, evaluate, together
+from protocol.adapters.recording_forms import read_recording
+from protocol.errors import Fault, RecordingError, TestloomError
+from protocol.language import say
+from protocol.recording_document import DOCUMENT_NAME
+
+FORMAT = "testloom-calibration/1"
+MAX_RECORDINGS = 1000
+MAX_RESIDUALS_SHOWN = 12
+EXIT_REFUSED = 1
+METHOD_WORDS = {
+    "imu_calibration": "session on a stand: known poses and turns",
+    "ferraris": "Ferraris session by hand",
+    "multi_position": "many attitudes, unknown: only the magnitude of gravity is used",
+}
+
+
+@dataclass(frozen=True)
+class _Result:
+    """One group of recordings: evaluated, or refused with an error."""
+
+    names: str
+    evaluation: Evaluation | None = None
+    reference: ComparedReference | None = None
+    error: TestloomError | None = None
+
+
+def calibrate(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(help=say("Recordings: folders, folders of such folders, or .mcap files.")),
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help=say("Print JSON."))] = False,
+) -> None:
+    sources, results = _read_all(folders)
+    for group in together(sources):
+        names = ", ".join(source.recording.recording_id for source in group)
+        try:
+            evaluation = evaluate(group)
+            reference = compare_with_published(evaluation, group[0].recording, group[0].folder)
+            results.append(_Result(names, evaluation, reference))
+        except TestloomError as error:
+            results.append(_Result(names, error=error))
+    if as_json:
+        document = {"format": FORMAT, "results": [_as_json(result) for result in results]}
+        typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
+    else:
+        console = Console(highlight=False)
+        for result in results:
+            _show(console, result)
+    if any(result.error for result in results):
+        raise typer.Exit(EXIT_REFUSED)
+
+
+calibrate.__doc__ = say("Calibrate from recordings: coefficients, uncertainties, what was not used and why.")
+
+
+def gum(value: float, standard_uncertainty: float) -> str:
+    """Value and standard uncertainty, the uncertainty to two significant digits (JCGM 100:2008, 7.2.6)."""
+    if not (math.isfinite(standard_uncertainty) and standard_uncertainty > 0):
+        return f"{value:.6g}"
+    digits = 1 - math.floor(math.log10(standard_uncertainty))
+    if float(f"{standard_uncertainty:.1e}") >= 10 ** (2 - digits):  # 0.0999 rounds up to 0.10
+        digits -= 1
+    places = max(digits, 0)
+    return f"{round(value, digits):.{places}f} ± {round(standard_uncertainty, digits):.{places}f}"
+
+
+def _read_all(paths: list[Path]) -> tuple[list[Source], list[_Result]]:
+    """All recordings named, and a refusal for each that cannot be read."""
+    found: list[Path] = []
+    for path in paths:
+        inside = sorted(child.parent for child in path.glob(f"*/{DOCUMENT_NAME}")) if path.is_dir() else []
+        found += [path] if (path / DOCUMENT_NAME).exists() or not inside else inside
+    if len(found) > MAX_RECORDINGS:
+        raise RecordingError(
+            f"{len(found)} recordings are more than {MAX_RECORDINGS}.",
+            where=", ".join(str(path) for path in paths),
+            fault=Fault.OPERATOR,
+            remedy="calibrate them in parts.",
+        )
+    sources: list[Source] = []
+    refused: list[_Result] = []
+    for path in found:
+        try:
+            sources.append(Source(read_recording(path), path if path.is_dir() else path.parent))
+        except TestloomError as error:
+            refused.append(_Result(str(path), error=error))
+    return sources, refused
+
+
+def _show(console: Console, result: _Result) -> None:
+    console.rule(Text(result.names))
+    if result.error is not None:
+        from cli.main import show_error
+
+        show_error(result.error)
+        return
+    evaluation = result.evaluation
+    assert evaluation is not None
+    console.print(
+        say("Unit {serial} ({product})", serial=evaluation.serial, product=evaluation.product), style="bold"
+    )
+    console.print(say("Method: {method}", method=say(METHOD_WORDS[evaluation.method])))
+    for sentence in evaluation.assumptions:
+        console.print(f"  · {sentence}")
+    for name, triad in ((say("Accelerometer"), evaluation.acc), (say("Gyro"), evaluation.gyro)):
+        if triad is not None:
+            console.print(_triad_table(name, triad))
+    if evaluation.gyro_bias is not None:
+        bias = evaluation.gyro_bias
+        table = Table("", "x", "y", "z", header_style="bold", title=say("Gyro bias at rest, rad/s"))
+        figures = zip(bias.bias_rad_s, bias.standard_uncertainty_rad_s, strict=True)
+        table.add_row("b", *(gum(float(b), float(u)) for b, u in figures))
+        console.print(table)
+    _show_residuals(console, evaluation)
+    _show_reference(console, result.reference)
+    _show_not_used(console, evaluation)
+
+
+def _triad_table(name: str, triad: TriadCoefficients) -> Table:
+    table = Table(
+        header_style="bold",
+        title=say("{name}: y = M u + b, value ± standard uncertainty", name=name),
+        caption=say(
+            "residual {rms} {unit} rms, {freedom} degrees of freedom; compensate with u = inv(M) (y − b)",
+            rms=f"{triad.residual_rms:.2g}",
+            unit=triad.unit,
+            freedom=triad.degrees_of_freedom,
+        ),
+    )
+    for heading in ("", "M · x", "M · y", "M · z", f"b, {triad.unit}"):
+        table.add_column(heading)
+    uncertainty, bias_uncertainty = triad.matrix_standard_uncertainty(), triad.bias_standard_uncertainty()
+    for i, axis in enumerate("xyz"):
+        entries = [gum(float(triad.matrix[i, j]), float(uncertainty[i, j])) for j in range(3)]
+        table.add_row(axis, *entries, gum(float(triad.bias[i]), float(bias_uncertainty[i])))
+    return table
+
+
+def _show_residuals(console: Console, evaluation: Evaluation) -> None:
+    worst = sorted(evaluation.residuals, key=lambda r: (r.unit, -max(map(abs, r.values), default=0.0)))
+    table = Table(header_style="bold", title=say("Residuals (output less model), largest first"))
+    for heading in (say("Pose or turn"), say("Residual"), say("Unit")):
+        table.add_column(heading)
+    for unit in sorted({residual.unit for residual in worst}):
+        of_unit = [residual for residual in worst if residual.unit == unit]
+        for residual in of_unit[:MAX_RESIDUALS_SHOWN]:
+            table.add_row(residual.name, "  ".join(f"{value:+.2e}" for value in residual.values), unit)
+        if len(of_unit) > MAX_RESIDUALS_SHOWN:
+            table.add_row(say("{count} smaller ones", count=len(of_unit) - MAX_RESIDUALS_SHOWN), "…", unit)
+    if evaluation.residuals:
+        console.print(table)
+
+
+def _show_reference(console: Console, reference: ComparedReference | None) -> None:
+    if reference is None:
+        return
+    table = Table(
+        header_style="bold",
+        title=say("Beside the published calibration ({source})", source=reference.source),
+        caption=say(
+            "E: difference over our standard uncertainty; the published figures state none of their own"
+        ),
+    )
+    headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
+    for heading in headings:
+        table.add_column(say(heading))
+    for item in reference.comparisons:
+        table.add_row(
+            item.name,
+            gum(item.value, item.standard_uncertainty),
+            f"{item.published:.6g}",
+            f"{item.difference:+.1e}",
+            "" if item.percent is None else f"{item.percent:+.3f}",
+            f"{item.normalised_error:+.2f}",
+            item.unit,
+        )
+    console.print(table)
+    for remark in reference.remarks:
+        console.print(f"  · {remark}")
+
+
+def _show_not_used(console: Console, evaluation: Evaluation) -> None:
+    if not evaluation.not_used:
+        console.print(say("Everything in the data was used."))
+        return
+    table = Table(header_style="bold", title=say("Not used, and why"))
+    for heading in (say("What"), say("Samples"), say("Why")):
+        table.add_column(heading)
+    for item in evaluation.not_used:
+        table.add_row(item.what, str(item.count), say(item.why))
+    console.print(table)
+
+
+def _as_json(result: _Result) -> dict[str, Any]:
+    if result.error is not None:
+        error = result.error
+        return {
+            "recordings": result.names.split(", "),
+            "error": {
+                "what": error.what,
+                "where": error.where,
+                "fault": error.fault.value,
+                "remedy": error.remedy,
+            },
+        }
+    evaluation = result.evaluation
+    assert evaluation is not None
+    bias = evaluation.gyro_bias
+    return {
+        "recordings": list(evaluation.recording_ids),
+        "unit": {"serial": evaluation.serial, "product": evaluation.product},
+        "method": evaluation.method,
+        "acc": None if evaluation.acc is None else _triad_json(evaluation.acc),
+        "gyro": None if evaluation.gyro is None else _triad_json(evaluation.gyro),
+        "gyro_bias": None
+        if bias is None
+        else {
+            "unit": "rad/s",
+            "value": _list(bias.bias_rad_s),
+            "standard_uncertainty": _list(bias.standard_uncertainty_rad_s),
+            "degrees_of_freedom": bias.degrees_of_freedom,
+        },
+        "residuals": [
+            {"name": r.name, "values": list(r.values), "unit": r.unit} for r in evaluation.residuals
+        ],
+        "assumptions": list(evaluation.assumptions),
+        "not_used": [
+            {"what": item.what, "count": item.count, "why": item.why} for item in evaluation.not_used
+        ],
+        "published": None if result.reference is None else _reference_json(result.reference),
+    }
+
+
+def _triad_json(triad: TriadCoefficients) -> dict[str, Any]:
+    return {
+        "model": "y = M u + b",
+        "unit": triad.unit,
+        "matrix": _list(triad.matrix),
+        "matrix_standard_uncertainty": _list(triad.matrix_standard_uncertainty()),
+        "bias": _list(triad.bias),
+        "bias_standard_uncertainty": _list(triad.bias_standard_uncertainty()),
+        "compensation": _list(triad.compensation),
+        "covariance": _list(triad.covariance),
+        "nonorthogonality_rad": _list(triad.nonorthogonality_rad()),
+        "residual_rms": triad.residual_rms,
+        "degrees_of_freedom": triad.degrees_of_freedom,
+    }
+
+
+def _reference_json(reference: ComparedReference) -> dict[str, Any]:
+    return {
+        "source": reference.source,
+        "remarks": list(reference.remarks),
+        "comparisons": [_comparison_json(item) for item in reference.comparisons],
+    }
+
+
+def _comparison_json(item: Comparison) -> dict[str, Any]:
+    error = item.normalised_error
+    return {
+        "name": item.name,
+        "value": item.value,
+        "published": item.published,
+        "difference": item.difference,
+        "percent": item.percent,
+        "standard_uncertainty": item.standard_uncertainty,
+        "normalised_error": error if math.isfinite(error) else None,
+        "unit": item.unit,
+    }
+
+
+def _list(array: FloatArray) -> Any:
+    return np.asarray(array).tolist()
