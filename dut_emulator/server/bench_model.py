@@ -1,0 +1,237 @@
+# pyright: strict
+"""What stands on a bench, without ports: sockets with units, instruments, perhaps a stand. Pure.
+
+Bench time comes in with every call and never goes back. `receive` takes a station's bytes on a link,
+`advance` gives what left the bench on each link since the call before. Shell and clock are elsewhere, so
+that a whole bench can be run in a test without a port.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from dut_emulator.instruments.multimeter import Multimeter
+from dut_emulator.instruments.oscilloscope import Oscilloscope
+from dut_emulator.instruments.power_supply import PowerSupply
+from dut_emulator.instruments.socket_board import SocketBoard
+from dut_emulator.instruments.wiring import SharedInputs
+from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
+from dut_emulator.server.slcan import SlcanAdapter
+from protocol.gnc_module import CONTINUITY_PAIRS, IMPEDANCE_PAIRS, INSULATION_PAIRS, TIMER_TEST_POINT
+
+TEST_POINTS = frozenset(
+    point
+    for pair in (*CONTINUITY_PAIRS, *INSULATION_PAIRS, *IMPEDANCE_PAIRS)
+    for point in (pair.high, pair.low)
+) | {TIMER_TEST_POINT}
+RS422, CAN = "rs422", "can"
+STAND_STREAM_LINK = "stand.stream"
+
+
+class BenchModelError(Exception):
+    """A hand's mistake: a second unit in a socket, a unit into a live socket. The text says which."""
+
+
+@dataclass
+class SocketModel:
+    """One socket: a load of the supply, test points for the board, a CAN adapter, a place for a unit."""
+
+    name: str
+    surroundings: Surroundings
+    unit: EmulatedUnit | None = None
+    serial: str = ""
+    supply_v: float = 0.0
+    ad_source: tuple[str, float] | None = None
+    adapter: SlcanAdapter = field(default_factory=SlcanAdapter)
+
+    @property
+    def links(self) -> tuple[str, str]:
+        """Names of its links: RS-422, CAN."""
+        return f"{self.name}.{RS422}", f"{self.name}.{CAN}"
+
+    def receive_rs422(self, data: bytes, now_s: float) -> bytes:
+        """Bytes from the station; without a unit they go nowhere."""
+        if self.unit is not None:
+            self.unit.receive(RS422, data, now_s)
+        return b""
+
+    def receive_can(self, data: bytes, now_s: float) -> bytes:
+        """Bytes from the station to the CAN adapter; the adapter's answers."""
+        answers, frames = self.adapter.feed(data)
+        for frame in frames:
+            if self.unit is not None:
+                self.unit.receive(CAN, frame.data, now_s, frame.identifier)
+        return answers
+
+    def advance(self, to_s: float) -> list[tuple[str, bytes]]:
+        """What left the unit on each link."""
+        if self.unit is None:
+            return []
+        return [
+            (f"{self.name}.{output.link}", data)
+            for output in self.unit.advance(to_s)
+            if (data := self._on_the_wire(output))
+        ]
+
+    def _on_the_wire(self, output: LinkOutput) -> bytes:
+        return output.data if output.can_id is None else self.adapter.frame_line(output.can_id, output.data)
+
+    def insert(self, unit: EmulatedUnit, serial: str, now_s: float) -> None:
+        """Put a unit in.
+
+        Raises:
+            BenchModelError: the socket is taken or under power.
+        """
+        if self.unit is not None:
+            raise BenchModelError(f"socket {self.name} holds unit {self.serial}")
+        if self.supply_v > 0:
+            raise BenchModelError(f"socket {self.name} is under power")
+        unit.insert(self.surroundings, now_s)
+        self.unit, self.serial = unit, serial
+        if self.ad_source is not None:
+            unit.set_ad_source(*self.ad_source)
+
+    def remove(self, now_s: float) -> tuple[EmulatedUnit, str] | None:
+        """Take the unit out, if there is one: unit and serial."""
+        unit, serial = self.unit, self.serial
+        self.unit, self.serial = None, ""
+        if unit is None:
+            return None
+        unit.set_supply(0.0, now_s)
+        return unit, serial
+
+    def set_supply(self, voltage_v: float, now_s: float) -> None:
+        """Voltage of the supply's channel."""
+        self.supply_v = voltage_v
+        if self.unit is not None:
+            self.unit.set_supply(voltage_v, now_s)
+
+    def supply_current_a(self, now_s: float) -> float:
+        """What the socket draws."""
+        return self.unit.supply_current_a(now_s) if self.unit is not None else 0.0
+
+    def resistance_ohm(self, high: str, low: str) -> float:
+        """True resistance; nothing to measure without a unit or under power."""
+        if self.unit is None or self.supply_v > 0:
+            return float("inf")
+        return self.unit.resistance_ohm(high, low)
+
+    def voltage_v(self, high: str, low: str, now_s: float) -> float:
+        """True DC voltage of one point against another."""
+        if self.unit is None:
+            return 0.0
+        return self.unit.point_voltage_v(high, now_s) - self.unit.point_voltage_v(low, now_s)
+
+    def ripple_v(self, point: str, now_s: float) -> float:
+        """True peak-to-peak AC voltage of a point."""
+        return self.unit.point_ripple_v(point, now_s) if self.unit is not None else 0.0
+
+    def period_s(self, point: str, now_s: float) -> float | None:
+        """True period of a point's square wave."""
+        return self.unit.point_period_s(point, now_s) if self.unit is not None else None
+
+    def knows_point(self, point: str) -> bool:
+        """Whether the board has a needle there."""
+        return point in TEST_POINTS
+
+    def present(self) -> bool:
+        """The presence contact."""
+        return self.unit is not None
+
+    def set_ad_source(self, source: str, voltage_v: float) -> None:
+        """The AD switch; a unit inserted later finds it so."""
+        self.ad_source = (source, voltage_v)
+        if self.unit is not None:
+            self.unit.set_ad_source(source, voltage_v)
+
+
+@dataclass
+class Instruments:
+    """The instruments of a bench; a stand has a supply only."""
+
+    supply: PowerSupply
+    multimeter: Multimeter | None = None
+    oscilloscope: Oscilloscope | None = None
+    boards: dict[str, SocketBoard] = field(default_factory=lambda: dict[str, SocketBoard]())
+
+
+class StandModel(Protocol):
+    """A motion stand as the bench sees it: commands in, samples out, faults for tests."""
+
+    def command(self, line: str, now_s: float) -> str:
+        """The answer to a line of its command port."""
+        ...
+
+    def advance(self, to_s: float) -> bytes:
+        """Stream samples of (last advance, to_s]."""
+        ...
+
+    def inject(self, fault: str) -> None:
+        """Switch a fault on, or all off. Raises BenchModelError for one that it cannot have."""
+        ...
+
+
+class BenchModel:
+    """Sockets and instruments in step.
+
+    Args:
+        sockets: in the order of the supply's channels.
+        seed: of the instruments' calibration states and noise.
+        serial: of the bench, part of the instruments' serial numbers.
+        with_board: a socket board bench, with multimeter, oscilloscope and boards.
+        stand: the motion stand that carries the socket, if there is one.
+    """
+
+    def __init__(
+        self,
+        sockets: Iterable[SocketModel],
+        seed: int,
+        serial: str,
+        *,
+        with_board: bool,
+        stand: StandModel | None = None,
+    ) -> None:
+        self.stand = stand
+        self.sockets = {socket.name: socket for socket in sockets}
+        loads = list(self.sockets.values())
+        self.instruments = Instruments(PowerSupply(loads, seed, f"{serial}-PS"))
+        if with_board:
+            inputs = SharedInputs()
+            self.instruments.multimeter = Multimeter(inputs, seed, f"{serial}-DMM")
+            self.instruments.oscilloscope = Oscilloscope(inputs, seed, f"{serial}-OSC")
+            self.instruments.boards = {
+                socket.name: SocketBoard(
+                    socket.name, socket, inputs, seed + index, f"{serial}-SB{socket.name}"
+                )
+                for index, socket in enumerate(loads)
+            }
+            for board in self.instruments.boards.values():
+                board.apply_ad_source(0.0)
+
+    def next_event_s(self, watched_sockets: Iterable[str]) -> float | None:
+        """The next moment at which time has to stop on its way.
+
+        The ends of the instruments' windows always; what units do only for the watched sockets, because
+        the others' bytes may as well be handed over later.
+        """
+        moments = [
+            instrument.next_event_s()
+            for instrument in (self.instruments.multimeter, self.instruments.oscilloscope)
+            if instrument is not None
+        ]
+        for name in watched_sockets:
+            unit = self.sockets[name].unit
+            moments.append(unit.next_event_s() if unit is not None else None)
+        return min((moment for moment in moments if moment is not None), default=None)
+
+    def advance(self, to_s: float) -> list[tuple[str, bytes]]:
+        """What left the bench on each link since the last call; then the instruments at that moment."""
+        outputs = [piece for socket in self.sockets.values() for piece in socket.advance(to_s)]
+        if self.stand is not None:
+            samples = self.stand.advance(to_s)
+            if samples:
+                outputs.append((STAND_STREAM_LINK, samples))
+        for instrument in (self.instruments.multimeter, self.instruments.oscilloscope):
+            if instrument is not None:
+                instrument.advance(to_s)
+        return outputs
