@@ -202,7 +202,8 @@ def _from_text(column: Any, kind: str) -> NDArray[Any]:
     import pyarrow as pa
 
     samples = column.cast(pa.float64()).to_numpy() if column.null_count else column.to_numpy()
-    return samples.astype(kind) if kind and not column.null_count else samples
+    fits = kind.startswith("float") or not column.null_count  # an integer cannot be missing
+    return samples.astype(kind) if kind and fits else samples
 
 
 def _find_bad_cells(path: Path, header: list[str], findings: Findings, otherwise: str) -> None:

@@ -92,7 +92,8 @@ def _examine(data: memoryview, where: str, findings: Findings) -> Recording | No
     if document is None:
         return None
     columns = _read_samples(data, summary, document, where, findings)
-    if not findings.errors and zlib.crc32(data[: summary.data_end]) != summary.data_crc:
+    has_crc = summary.data_crc != 0  # other tools may leave it out
+    if not findings.errors and has_crc and zlib.crc32(data[: summary.data_end]) != summary.data_crc:
         findings.add(
             "The file is damaged outside its samples: the CRC of the data section is wrong.",
             f"{where}, bytes 0 to {summary.data_end}",
@@ -131,7 +132,7 @@ def _read_summary(data: memoryview) -> _Summary:
     sound = opcode == Opcode.FOOTER and length == FOOTER_CONTENT_BYTES
     if not sound or not _MAGIC_BYTES + _DATA_END.size <= start <= footer_at:
         raise _DamagedError("The footer is damaged.", f"bytes {footer_at} to {end}")
-    if zlib.crc32(data[start : end - _MAGIC_BYTES - 4]) != crc:
+    if crc and zlib.crc32(data[start : end - _MAGIC_BYTES - 4]) != crc:
         raise _DamagedError("The summary is damaged: its CRC is wrong.", f"bytes {start} to {end}")
     opcode, length, data_crc = _DATA_END.unpack_from(data, start - _DATA_END.size)
     if opcode != Opcode.DATA_END or length != 4:
