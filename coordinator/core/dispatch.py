@@ -182,7 +182,7 @@ def _socket_for_retest(unit: Unit, queue: OperationQueue, line: Line, at_s: floa
     if usable:
         return next((key for key in usable if key != unit.last_socket), usable[0])
     others = len(queue.in_service) - sum(key in queue.in_service for key in set(failed))
-    waited_s = at_s - unit.queued_at_s
-    if others > 0 or waited_s < line.settings.retest_patience_s:
+    patient_until_s = unit.queued_at_s + line.settings.retest_patience_s  # as the timer was set
+    if others > 0 or at_s < patient_until_s:
         return None
     return next(iter(queue.free))

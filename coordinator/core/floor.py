@@ -98,13 +98,12 @@ class Floor:
 
     def start(self, lease: HeldLease) -> None:
         """Offer a lease to its station."""
-        unit = self.line.units[lease.serial]
         self.outbox.append(
             StartSequence(
                 lease=Lease(
                     fence=lease.fence,
                     attempt_id=lease.attempt_id,
-                    unit=UnitIdentity(serial=unit.serial, product=unit.product, lot=unit.lot),
+                    unit=self.identity(self.line.units[lease.serial]),
                     operation=lease.operation,
                     station=lease.station,
                     socket=lease.socket,
@@ -112,6 +111,11 @@ class Floor:
                 )
             )
         )
+
+    @staticmethod
+    def identity(unit: Unit) -> UnitIdentity:
+        """The unit as the wire names it."""
+        return UnitIdentity(serial=unit.serial, product=unit.product, lot=unit.lot)
 
     def abort(self, lease: HeldLease) -> None:
         """Ask a station to stop a lease that ran over its operation's deadline."""
