@@ -2,6 +2,9 @@
 
 from stations.drivers.scpi import ScpiSession
 
+CURRENT_LIMIT_REACHED = 0.98
+"""Share of the limit above which the supply counts as limiting (its own reading is that good)."""
+
 
 class ScpiPowerSupply:
     """Implements `protocol.instruments.PowerSupply`. Sessions are shared by the sockets of a bench."""
@@ -35,24 +38,29 @@ class SocketSupply:
     """The supply as one socket sees it: bound to its channel.
 
     Attributes:
-        set_voltage_v: what was last asked for, None before and after power.
+        set_voltage_v: what the output should have now; None while it should be off.
     """
 
     def __init__(self, supply: ScpiPowerSupply, channel: int) -> None:
         self._supply = supply
         self._channel = channel
+        self._configured_v = 0.0
+        self._current_limit_a = 0.0
         self.set_voltage_v: float | None = None
 
     def configure(self, voltage_v: float, current_limit_a: float) -> None:
         """Set voltage and current limit. Raises LinkError."""
         self._supply.configure(self._channel, voltage_v, current_limit_a)
-        self.set_voltage_v = voltage_v
+        self._configured_v, self._current_limit_a = voltage_v, current_limit_a
 
     def switch(self, on: bool) -> None:
         """Switch the output. Raises LinkError."""
         self._supply.switch(self._channel, on)
-        if not on:
-            self.set_voltage_v = None
+        self.set_voltage_v = self._configured_v if on else None
+
+    def limits_current(self) -> bool:
+        """Whether the unit draws what the limit allows, so that the voltage gives way. Raises LinkError."""
+        return self.measure_current_a() >= CURRENT_LIMIT_REACHED * self._current_limit_a
 
     def is_on(self) -> bool:
         """Whether the output is on. Raises LinkError."""
