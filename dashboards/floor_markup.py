@@ -31,7 +31,13 @@ from protocol.language import say
 
 def unit_link(serial: str, class_: str = "serial") -> Html:
     """A link to the unit's page."""
-    return element("a", serial, href=f"/unit/{quote(serial, safe='')}", class_=class_)
+    return element(
+        "a",
+        serial,
+        href=f"/unit/{quote(serial, safe='')}",
+        class_=class_,
+        style=f"--characters:{max(len(serial), 6)}",
+    )
 
 
 def panel(title: str, *content: str, class_: str = "") -> Html:
@@ -142,6 +148,7 @@ def _station_first_pass(first_pass: CountedFraction, language: str) -> Html:
     words = say("First-pass yield of this station:", language=language)
     return span(
         "first-pass",
+        span("what", say("FPY", language=language), " "),
         f"{first_pass.successes}/{first_pass.trials}",
         title=f"{words} {percent(first_pass.fraction)}, {interval_words(first_pass, language)}",
     )
@@ -169,24 +176,22 @@ def _socket_tile(station: str, socket: SocketView, language: str) -> Html:
 def _socket_detail(socket: SocketView, language: str) -> list[Html]:
     if socket.state == "testing":
         step = socket.step or say("starting", language=language)
-        count = (
-            f"{min(socket.steps_done + 1, socket.steps_total)}/{socket.steps_total}"
-            if socket.steps_total
-            else ""
-        )
-        share = 100 * socket.steps_done / socket.steps_total if socket.steps_total else 0
-        elapsed = "" if socket.seconds is None else duration(socket.seconds, language)
-        return [
-            div("detail", span("count", count), span("step", step, title=step), span("elapsed", elapsed)),
-            div("progress", div("done", style=f"width:{share:.0f}%")),
-        ]
+        return [div("detail step", step, title=step), _step_progress(socket, language)]
     if socket.state in ("passed", "failed", "not_judged") and socket.seconds is not None:
         ago = say("{duration} ago", language=language, duration=duration(socket.seconds, language))
-        operation = operation_word(socket.operation, language) if socket.operation else ""
-        return [div("detail", span("step", operation), span("elapsed", ago))]
+        return [div("detail", ago)]
     if socket.operation:
-        return [div("detail", span("step", operation_word(socket.operation, language)))]
+        return [div("detail", operation_word(socket.operation, language))]
     return []
+
+
+def _step_progress(socket: SocketView, language: str) -> Html:
+    """The step under way counts from one: 'step 1 of 5' has nothing done yet."""
+    total = socket.steps_total
+    count = [span("count", f"{min(socket.steps_done + 1, total)}/{total}")] if total else []
+    share = 100 * min(socket.steps_done / total, 1) if total else 0
+    elapsed = [] if socket.seconds is None else [span("elapsed", duration(socket.seconds, language))]
+    return div("progress", *count, div("track", div("done", style=f"width:{share:.0f}%")), *elapsed)
 
 
 def queue_panel(queues: tuple[OperationQueue, ...], language: str) -> Html:
@@ -218,7 +223,7 @@ def _queue_entry(entry: QueueEntry, language: str) -> Html:
         span("position", "–" if entry.position is None else str(entry.position)),
         unit_link(entry.serial),
         *retest,
-        span("why", entry.waits_for, title=entry.waits_for),
+        span("why", say(entry.waits_for, language=language), title=say(entry.waits_for, language=language)),
     )
 
 
@@ -271,7 +276,7 @@ def alarm_panel(view: FloorView, language: str) -> Html:
                 "what",
                 element("b", alarm.subject),
                 " ",
-                alarm.text,
+                say(alarm.text, language=language),
                 span(
                     "note",
                     f"{alarm.alarm} · "

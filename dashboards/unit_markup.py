@@ -68,7 +68,7 @@ def whereabouts(status: UnitStatus, language: str) -> str:
     words = say("waits for {operation}", language=language, operation=operation)
     if status.queue_position is not None:
         words += ", " + say("place {position}", language=language, position=status.queue_position)
-    return f"{words} ({status.waits_for})" if status.waits_for else words
+    return f"{words} ({say(status.waits_for, language=language)})" if status.waits_for else words
 
 
 def attempt_card(attempt: AttemptRow, language: str) -> Html:

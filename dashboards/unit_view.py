@@ -20,6 +20,7 @@ COVERAGE_FACTOR = 2.0
 """The whisker of a value is ± this many standard uncertainties (k = 2, about 95 %)."""
 
 SIDE_MARGIN = 0.25
+ONE_SIDED_SHARE = 0.6
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ def shown(value: Value | None) -> str:
 
 def _one_sided_span(value: float, limit: float) -> float:
     """Wide enough that a good value shows inside the bar; a bad one may run off its edge."""
-    return max(abs(limit), abs(value - limit), 1e-300) / (1 - SIDE_MARGIN)
+    return max(abs(limit), abs(value - limit), 1e-300) / ONE_SIDED_SHARE
 
 
 def _number(value: Value | None) -> float | None:

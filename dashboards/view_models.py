@@ -34,13 +34,14 @@ from protocol.outcomes import Disposition, Outcome
 from protocol.station_messages import SocketProgress
 
 SocketState = Literal["free", "testing", "recording", "passed", "failed", "not_judged", "silent", "refused"]
-Density = Literal["large", "medium", "compact"]
+Density = Literal["huge", "large", "medium", "compact"]
 SocketAddress = tuple[str, str]
 
 MAX_QUEUE_ENTRIES_SHOWN = 8
 MAX_ALARMS_SHOWN = 6
 MAX_FALLEN_UNITS_SHOWN = 12
-MAX_SOCKETS_LARGE = 16
+MAX_SOCKETS_HUGE = 12
+MAX_SOCKETS_LARGE = 24
 MAX_SOCKETS_MEDIUM = 48
 LIVE_VIEW_VALID_S = 5.0
 """A running view of a socket that the coordinator calls free is believed for this long."""
@@ -420,6 +421,8 @@ def _alarm_view(alarm: Alarm, at_s: float) -> AlarmView:
 
 
 def _density(sockets: int) -> Density:
+    if sockets <= MAX_SOCKETS_HUGE:
+        return "huge"
     if sockets <= MAX_SOCKETS_LARGE:
         return "large"
     return "medium" if sockets <= MAX_SOCKETS_MEDIUM else "compact"

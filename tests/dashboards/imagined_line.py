@@ -131,17 +131,18 @@ def imagined_line(
                     leased_since_s=NOW_S - 1 - rng.random() * 8,
                 )
             )
-            if leased:
-                statuses.append(
-                    unit(
-                        next_number,
-                        Disposition.IN_PROCESS,
-                        operation=operation,
-                        station=station,
-                        socket=socket,
-                    )
+            statuses.append(
+                unit(
+                    next_number,
+                    Disposition.RETEST if view.outcome is Outcome.FAIL else Disposition.IN_PROCESS,
+                    operation=CALIBRATION if view.outcome is Outcome.PASS else operation,
+                    station=station if leased else None,
+                    socket=socket if leased else None,
+                    attempts=0 if leased else 1,
+                    waits_for="" if leased else "a free socket",
                 )
-                next_number += 1
+            )
+            next_number += 1
         heard = NOW_S - (12.0 if state == "silent" else 0.2)
         stations.append(
             StationStatus(
