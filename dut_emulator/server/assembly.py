@@ -44,6 +44,15 @@ async def _run(configuration: BenchServerConfiguration) -> None:
 
 async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) -> None:
     """Serve a bench in the running loop until `stop` is set. Raises as `run_bench`."""
+    failures: list[dict[str, Any]] = []
+
+    def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """A fault of the emulator itself: end, so that whoever watches starts a new bench."""
+        failures.append(context)
+        log.error("the bench failed", exc_info=context.get("exception"), message=context["message"])
+        stop.set()
+
+    asyncio.get_running_loop().set_exception_handler(failed)
     _remove_description(configuration)
     store = UnitStore(configuration.units_dir, configuration.seed)
     model = build_model(configuration)
@@ -58,6 +67,13 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
         _remove_description(configuration)
         ports.close()
         bench.close()
+    if failures:
+        raise TestloomError(
+            f"The bench failed: {failures[0].get('exception') or failures[0]['message']}.",
+            where=f"bench '{configuration.name}'",
+            fault=Fault.TESTLOOM,
+            remedy="start it again; its log has the circumstances.",
+        )
 
 
 def build_model(configuration: BenchServerConfiguration) -> BenchModel:

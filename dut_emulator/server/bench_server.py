@@ -206,9 +206,9 @@ class BenchServer:
             raise InvalidTransition(f"there is no link '{min(unknown)}'; there are {', '.join(self.links)}")
         participation = self._participants[number]
         participation.links |= named
-        participation.arriving = request
         for name in named:
             self.links[name].link.poll()
+        participation.arriving = request
         return self._begin_wait(number, at_once=True)
 
     def _begin_wait(self, number: int, *, at_once: bool = False) -> ControlReply | None:
@@ -337,11 +337,19 @@ class BenchServer:
         """Reply to all whose wait is over; True if there were any."""
         woken = self._clock.due(self._handed_over())
         if woken:
-            self._keep_units()  # what a station may have seen, the unit's flash remembers
-        for number in woken:
-            self._participants[number].connection.reply(self._time())
+            reply = self._time_with_flash_kept()
+            for number in woken:
+                self._participants[number].connection.reply(reply)
         overrun = self._overrun_links(self.links)
         return bool(woken) or (bool(overrun) and self._refuse(overrun))
+
+    def _time_with_flash_kept(self) -> ControlReply:
+        """Before a station hears that a unit has done something, the unit's flash remembers it."""
+        try:
+            self._keep_units()
+        except TestloomError as error:
+            return BenchRefusal(what=error.what, remedy=error.remedy)
+        return self._time()
 
     def _refuse(self, overrun: list[str]) -> bool:
         """End the waits of those who have to do with an overrun link: of all, if nobody has named it."""
