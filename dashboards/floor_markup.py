@@ -25,6 +25,7 @@ from dashboards.words import (
     interval_words,
     operation_word,
     percent,
+    sentence_words,
 )
 from protocol.language import say
 
@@ -218,12 +219,13 @@ def _queue_block(queue: OperationQueue, language: str) -> Html:
 
 def _queue_entry(entry: QueueEntry, language: str) -> Html:
     retest = [span("badge retest", say("Retest", language=language))] if entry.is_retest else []
+    why = sentence_words(entry.waits_for, language)
     return element(
         "li",
         span("position", "–" if entry.position is None else str(entry.position)),
         unit_link(entry.serial),
         *retest,
-        span("why", say(entry.waits_for, language=language), title=say(entry.waits_for, language=language)),
+        span("why", why, title=why),
     )
 
 
@@ -276,7 +278,7 @@ def alarm_panel(view: FloorView, language: str) -> Html:
                 "what",
                 element("b", alarm.subject),
                 " ",
-                say(alarm.text, language=language),
+                sentence_words(alarm.sentence, language),
                 span(
                     "note",
                     f"{alarm.alarm} · "

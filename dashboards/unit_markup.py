@@ -4,6 +4,7 @@ from dashboards.floor_markup import quiet
 from dashboards.icons import icon
 from dashboards.markup import Html, div, element, join, span
 from dashboards.unit_view import AttemptRow, LimitBar, MeasurementRow, StepRow, UnitView
+from dashboards.view_models import Sentence
 from dashboards.words import (
     DISPOSITION_WORDS,
     FAULT_WORDS,
@@ -11,6 +12,7 @@ from dashboards.words import (
     SECTION_WORDS,
     duration,
     operation_word,
+    sentence_words,
     timestamp,
 )
 from protocol.attempts import RecordingReference
@@ -68,7 +70,8 @@ def whereabouts(status: UnitStatus, language: str) -> str:
     words = say("waits for {operation}", language=language, operation=operation)
     if status.queue_position is not None:
         words += ", " + say("place {position}", language=language, position=status.queue_position)
-    return f"{words} ({say(status.waits_for, language=language)})" if status.waits_for else words
+    why = Sentence(status.waits_for, status.waits_for_template, status.waits_for_values)
+    return f"{words} ({sentence_words(why, language)})" if status.waits_for else words
 
 
 def attempt_card(attempt: AttemptRow, language: str) -> Html:

@@ -51,6 +51,15 @@ FALLEN = (Disposition.SCRAP, Disposition.QUARANTINE, Disposition.REWORK)
 
 
 @dataclass(frozen=True)
+class Sentence:
+    """What the coordinator says: in English, and as a template for other languages."""
+
+    text: str
+    template: str
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True)
 class LiveSocket:
     """The last view that a station published of a socket, and how long ago that was."""
 
@@ -102,7 +111,7 @@ class QueueEntry:
     position: int | None
     attempts: int
     is_retest: bool
-    waits_for: str
+    waits_for: Sentence
 
 
 @dataclass(frozen=True)
@@ -172,7 +181,7 @@ class AlarmView:
 
     alarm: str
     subject: str
-    text: str
+    sentence: Sentence
     age_s: float
 
 
@@ -370,7 +379,7 @@ def _queue(operation: str, units: list[UnitStatus], lengths: Mapping[str, int]) 
             position=unit.queue_position,
             attempts=unit.attempts,
             is_retest=unit.disposition is Disposition.RETEST,
-            waits_for=unit.waits_for,
+            waits_for=Sentence(unit.waits_for, unit.waits_for_template, unit.waits_for_values),
         )
         for unit in in_order[:MAX_QUEUE_ENTRIES_SHOWN]
     )
@@ -417,7 +426,8 @@ def _first_pass_by_station(report: YieldReport) -> dict[str, CountedFraction]:
 
 
 def _alarm_view(alarm: Alarm, at_s: float) -> AlarmView:
-    return AlarmView(alarm.alarm, alarm.subject, alarm.text, max(0.0, at_s - alarm.raised_at_s))
+    sentence = Sentence(alarm.text, alarm.template, alarm.values)
+    return AlarmView(alarm.alarm, alarm.subject, sentence, max(0.0, at_s - alarm.raised_at_s))
 
 
 def _density(sockets: int) -> Density:

@@ -3,6 +3,7 @@
 from datetime import UTC, datetime
 
 from dashboards.intervals import CountedFraction
+from dashboards.view_models import Sentence
 from protocol.language import say
 
 SOCKET_STATE_WORDS = {
@@ -50,6 +51,16 @@ SECTION_WORDS = {"setup": "Setup", "main": "Main", "teardown": "Teardown"}
 def operation_word(operation: str, language: str) -> str:
     """The name of an operation for people; an operation not known here goes by its own name."""
     return say(OPERATION_WORDS[operation], language=language) if operation in OPERATION_WORDS else operation
+
+
+def sentence_words(sentence: Sentence, language: str) -> str:
+    """A sentence of the coordinator in the page's language; in English when that cannot be."""
+    if not sentence.template or "language" in sentence.values:
+        return sentence.text
+    try:
+        return say(sentence.template, language=language, **sentence.values)
+    except (KeyError, IndexError, ValueError):
+        return sentence.text
 
 
 def duration(seconds: float, language: str) -> str:

@@ -69,7 +69,11 @@ class StationStatus(FrozenModel):
 
 
 class UnitStatus(FrozenModel):
-    """Where a unit is. `operation` is the one it waits for or is at; None when it is done."""
+    """Where a unit is. `operation` is the one it waits for or is at; None when it is done.
+
+    `waits_for` is English; `say(waits_for_template, **waits_for_values)` says it in the chosen
+    language where the template is given.
+    """
 
     unit: UnitIdentity
     disposition: Disposition
@@ -79,6 +83,8 @@ class UnitStatus(FrozenModel):
     attempts: int = 0
     queue_position: int | None = None
     waits_for: str = ""
+    waits_for_template: str = ""
+    waits_for_values: dict[str, str] = Field(default_factory=dict)
 
 
 class OperationYield(FrozenModel):
