@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import signal
-import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -18,7 +17,7 @@ from dut_emulator.server.line_server import LineProtocol
 from dut_emulator.server.link_faults import Framing, LinkFault
 from dut_emulator.server.links import HOST, PtyLink, TcpLink, listening_socket
 from dut_emulator.server.unit_store import UnitStore, write_atomically
-from protocol.bench_description import BenchDescription, Site, SocketResources, StandResources
+from protocol.bench_description import BenchDescription, SocketResources, StandResources
 from protocol.errors import Fault, TestloomError
 
 log = structlog.get_logger("bench")
@@ -80,12 +79,11 @@ def build_model(configuration: BenchServerConfiguration) -> BenchModel:
     """What stands on the bench."""
     from dut_emulator.server.surroundings import surroundings_of
 
-    identity, seed = configuration.bench_identity, configuration.seed
     names = [str(number) for number in range(1, configuration.socket_count + 1)]
     stand, surroundings = surroundings_of(configuration)
     sockets = [SocketModel(name, surroundings) for name in names]
-    instrument_seed = zlib.crc32(f"{identity}|{seed}".encode())
-    return BenchModel(sockets, instrument_seed, identity, with_board=stand is None, stand=stand)
+    seed, identity = configuration.instrument_seed, configuration.bench_identity
+    return BenchModel(sockets, seed, identity, with_board=stand is None, stand=stand)
 
 
 class _Ports:
@@ -195,11 +193,7 @@ async def _open_ports(
         multimeter=multimeter,
         oscilloscope=oscilloscope,
         stand=stand,
-        site=Site(
-            latitude_deg=configuration.latitude_deg,
-            gravity_m_s2=configuration.gravity_m_s2,
-            heading_deg=configuration.heading_deg,
-        ),
+        site=configuration.site,
     )
 
 

@@ -166,7 +166,11 @@ class StandModel(Protocol):
         """Stream samples of (last advance, to_s]."""
         ...
 
-    def inject(self, fault: str) -> None:
+    def next_event_s(self) -> float | None:
+        """When it will next do something by itself."""
+        ...
+
+    def inject(self, fault: str, now_s: float) -> None:
         """Switch a fault on, or all off. Raises BenchModelError for one that it cannot have."""
         ...
 

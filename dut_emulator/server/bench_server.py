@@ -178,7 +178,7 @@ class BenchServer:
     def _inject(self, request: Inject) -> None:
         target = request.target
         if target == STAND and self.model.stand is not None:
-            self.model.stand.inject(request.fault)
+            self.model.stand.inject(request.fault, self._clock.now_s)
         elif target in self.links:
             served = self.links[target]
             if request.fault not in served.fault.framing.value:
@@ -290,7 +290,8 @@ class BenchServer:
         if self._tick is not None:
             self._tick.cancel()
             self._tick = None
-        moments = (self._clock.earliest_s(), self.model.next_event_s(self.model.sockets))
+        stand_s = self.model.stand.next_event_s() if self.model.stand is not None else None
+        moments = (self._clock.earliest_s(), stand_s, self.model.next_event_s(self.model.sockets))
         next_s = min((moment for moment in moments if moment is not None), default=None)
         if next_s is not None:
             at = max(self._started_at + next_s / self._pace, self._loop.time() + MIN_TICK_S)

@@ -1,10 +1,12 @@
 """What a bench server is to be: checked before anything listens."""
 
 import hashlib
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
 
 BenchKind = Literal["socket_board", "three_axis_turntable"]
@@ -90,6 +92,18 @@ class BenchServerConfiguration:
     def socket_count(self) -> int:
         """How many sockets."""
         return self.sockets if self.sockets is not None else SOCKETS_OF_KIND.get(self.kind, 1)
+
+    @property
+    def site(self) -> Site:
+        """Where the bench stands."""
+        return Site(
+            latitude_deg=self.latitude_deg, gravity_m_s2=self.gravity_m_s2, heading_deg=self.heading_deg
+        )
+
+    @property
+    def instrument_seed(self) -> int:
+        """Of the errors of this bench's own instruments and stand: other benches of the line have others."""
+        return zlib.crc32(f"{self.bench_identity}|{self.seed}".encode())
 
     @property
     def bench_identity(self) -> str:

@@ -1,0 +1,136 @@
+# pyright: strict
+"""The command port and the sample stream of a three-axis turntable, as docs/bench.md has them.
+
+Angles are in degrees on the command port and in radians in the stream. An error is `ERR code text`; codes
+from 10 up are the stand's own. Sample k of a stream is taken k / rate after `STRE ON`; samples of the past
+are taken before a command changes the motion.
+
+Omitted: continuous rate mode, sinusoidal motion, the axes' zero settings.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from dut_emulator.interfaces import EmulatedStand, StandRefusal
+from dut_emulator.server.bench_model import BenchModelError
+from dut_emulator.server.link_faults import STREAM_SAMPLE_BYTES
+
+ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
+MAX_STREAM_RATE_HZ = 2000.0
+STAND_FAULTS: Final = ("none", "door_open", "lost_reference")
+_INSTANT_TOLERANCE_S = 1e-9
+
+
+class TurntablePort:
+    """One turntable behind its command port. See `StandModel`."""
+
+    def __init__(self, stand: EmulatedStand, identification: str) -> None:
+        self._stand = stand
+        self._identification = identification
+        self._rate_hz = 0.0
+        self._started_s = 0.0
+        self._taken = 0
+        self._pending: list[bytes] = []
+
+    def command(self, line: str, now_s: float) -> str:
+        """The answer to one line."""
+        self._sample_to(now_s)
+        word, _, rest = line.strip().partition(" ")
+        arguments = [part.strip() for part in rest.split(",")] if rest.strip() else []
+        try:
+            return self._dispatch(word.upper(), arguments, now_s)
+        except ValueError as error:
+            return f"ERR {ERR_ARGUMENTS} {error}"
+
+    def advance(self, to_s: float) -> bytes:
+        """Stream samples of (last advance, to_s]."""
+        self._sample_to(to_s)
+        samples = b"".join(self._pending)
+        self._pending.clear()
+        return samples
+
+    def next_event_s(self) -> float | None:
+        """When the next sample is due."""
+        return self._started_s + self._taken / self._rate_hz if self._rate_hz else None
+
+    def inject(self, fault: str, now_s: float) -> None:
+        """Raises BenchModelError for a fault that a stand cannot have."""
+        if fault not in STAND_FAULTS:
+            raise BenchModelError(
+                f"a stand cannot have the fault '{fault}'; it can {', '.join(STAND_FAULTS)}"
+            )
+        self._sample_to(now_s)
+        self._stand.inject(fault, now_s)
+
+    def _dispatch(self, word: str, arguments: list[str], now_s: float) -> str:
+        match word, len(arguments):
+            case "*IDN?", 0:
+                return self._identification
+            case "HOME", 0:
+                answer = self._stand.home(now_s)
+                return _refused(answer) if isinstance(answer, StandRefusal) else "OK"
+            case "MOVE", 3:
+                outer, middle, inner = (_number(text) for text in arguments)
+                return _done(self._stand.move((outer, middle, inner), now_s))
+            case "ROT", 4:
+                angle_deg, duration_s, ramp_s = (_number(text) for text in arguments[1:])
+                return _done(self._stand.rotate(arguments[0].lower(), angle_deg, duration_s, ramp_s, now_s))
+            case "STOP", 0:
+                self._stand.stop(now_s)
+                return "OK"
+            case "STAT?", 0:
+                status = self._stand.status(now_s)
+                figures = (*status.angles_deg, *status.rates_deg_s, status.temperature_c)
+                return ",".join([status.state, *(f"{figure:.6f}" for figure in figures)])
+            case "LIM?", 0:
+                return ",".join(f"{limit:g}" for limit in self._stand.limits())
+            case "STRE", 1 | 2:
+                return self._stream(arguments, now_s)
+            case (("*IDN?" | "HOME" | "MOVE" | "ROT" | "STOP" | "STAT?" | "LIM?" | "STRE"), count):
+                raise ValueError(f"{word} does not take {count} arguments")
+            case _:
+                return f"ERR {ERR_UNKNOWN} unknown command {word[:20]}"
+
+    def _stream(self, arguments: list[str], now_s: float) -> str:
+        match [arguments[0].upper(), *arguments[1:]]:
+            case ["OFF"]:
+                self._rate_hz = 0.0
+            case ["ON", text]:
+                rate_hz = _number(text)
+                if not 0 < rate_hz <= MAX_STREAM_RATE_HZ:
+                    raise ValueError(f"the stream's rate must lie between 0 and {MAX_STREAM_RATE_HZ:g} Hz")
+                self._rate_hz, self._started_s, self._taken = rate_hz, now_s, 0
+            case _:
+                raise ValueError("STRE takes OFF, or ON and a rate")
+        return "OK"
+
+    def _sample_to(self, now_s: float) -> None:
+        if not self._rate_hz:
+            return
+        ripe = math.floor((now_s - self._started_s + _INSTANT_TOLERANCE_S) * self._rate_hz) + 1
+        if ripe > self._taken:
+            times_s = self._started_s + np.arange(self._taken, ripe) / self._rate_hz
+            rows = self._stand.encoder_samples(times_s).astype("<f8")
+            assert rows.shape[1] * 8 == STREAM_SAMPLE_BYTES
+            self._pending.append(rows.tobytes())
+            self._taken = ripe
+
+
+def _done(answer: float | StandRefusal) -> str:
+    return _refused(answer) if isinstance(answer, StandRefusal) else f"OK {answer:.9f}"
+
+
+def _refused(refusal: StandRefusal) -> str:
+    return f"ERR {refusal.code} {refusal.text}"
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"'{text[:20]}' is not a number")
+    return value
