@@ -121,7 +121,7 @@ class GncModuleLink:
                 done = self._await(FrameType.SELF_TEST, sequences, timeout_s, _DONE)
                 if done is not None:
                     return self._values(test, argument, done[1])
-            raise self._no_answer(f"self-test {test.name}")
+            raise self.no_answer(f"self-test {test.name}")
         finally:
             self._exchange.close_mailboxes(FrameType.SELF_TEST, sequences)
 
@@ -219,7 +219,7 @@ class GncModuleLink:
                 if answer[0] is not ReplyStatus.DONE:
                     raise self._refused(frame_type.name, answer[0])
                 return answer[1]
-            raise self._no_answer(frame_type.name)
+            raise self.no_answer(frame_type.name)
         finally:
             self._exchange.close_mailboxes(frame_type, sequences)
 
@@ -272,7 +272,8 @@ class GncModuleLink:
             remedy="check the unit's firmware version and its flash.",
         )
 
-    def _no_answer(self, what: str) -> LinkError:
+    def no_answer(self, what: str) -> LinkError:
+        """The error for a silent unit: its own fault, or damage in transit, by what else came."""
         health = self.health
         story = (
             f"{health.bytes_received} bytes received, {health.frames.frames} frames, "

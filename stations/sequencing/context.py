@@ -1,7 +1,7 @@
 """What a step function sees of the world: its unit, its instruments, its time, and where results go."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from protocol.attempts import Lease, RecordingReference
 from protocol.bench_description import Site
+from protocol.errors import Fault
 from protocol.instruments import Multimeter, Oscilloscope, SocketBoard, ThreeAxisTurntable
 from protocol.measurements import Measurement, MeasurementSpecification, Value
 from protocol.outcomes import MeasurementOutcome
@@ -141,6 +142,45 @@ class StepContext:
             )
         self._taken[name] = _judged(specification, value)
 
+    def number(self, parameter: str) -> float:
+        """A parameter of the plan that has to be a number.
+
+        Raises:
+            StepError: it is missing or no number.
+        """
+        value = self._step.parameters.get(parameter)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self._wrong_parameter(parameter, "a number")
+        return float(value)
+
+    def word(self, parameter: str, allowed: Iterable[str]) -> str:
+        """A parameter of the plan that has to be one of these words.
+
+        Raises:
+            StepError: it is missing or another.
+        """
+        value = self._step.parameters.get(parameter)
+        choices = tuple(allowed)
+        if not isinstance(value, str) or value not in choices:
+            raise self._wrong_parameter(parameter, f"one of {', '.join(choices)}")
+        return value
+
+    def needed_board(self) -> SocketBoard:
+        """The board under the socket.
+
+        Raises:
+            StepError: the bench has none.
+        """
+        board = self.board
+        if board is None:
+            raise StepError(
+                f"The step '{self._step.step}' needs a socket board, and this bench has none.",
+                where=f"step {self._step.step}",
+                fault=Fault.PLAN,
+                remedy="run this plan on a socket-board bench.",
+            )
+        return board
+
     def declares(self, name: str) -> bool:
         """True if the plan wants this measurement from this step."""
         return name in self._specifications
@@ -154,6 +194,14 @@ class StepContext:
         return tuple(
             self._taken.get(name, Measurement(specification=specification))
             for name, specification in self._specifications.items()
+        )
+
+    def _wrong_parameter(self, parameter: str, wanted: str) -> StepError:
+        return StepError(
+            f"The parameter '{parameter}' of step '{self._step.step}' has to be {wanted}.",
+            where=f"step {self._step.step}",
+            fault=Fault.PLAN,
+            remedy="correct the plan.",
         )
 
 

@@ -96,7 +96,7 @@ class Lane:
             cut_short = self._cut_short(timeout, Outcome.TIMEOUT)
         except TestloomError as error:
             cut_short = self._cut_short(error, Outcome.ERROR)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - a step function is anybody's code
             _log.exception("step %s failed", command.step.step)
             text = f"The step failed inside: {type(error).__name__}: {error}. Its traceback is in the log."
             cut_short = CutShort(Outcome.ERROR, Fault.TESTLOOM, text)

@@ -65,11 +65,10 @@ def _power_off(bench: SocketBench, clock: BranchClock) -> None:
     if supply.is_on():
         raise TestloomError("the supply says that its output is still on")
     for _ in range(MAX_DISCHARGE_POLLS):
-        voltage_v = supply.measure_voltage_v()
-        if abs(voltage_v) <= DISCHARGED_V:
+        if abs(supply.measure_voltage_v()) <= DISCHARGED_V:
             return
         clock.sleep_until(clock.now_s() + DISCHARGE_POLL_S)
-    raise TestloomError(f"the supply is off and its output is still at {voltage_v:.2f} V")
+    raise TestloomError(f"the supply is off and its output is still above {DISCHARGED_V:g} V")
 
 
 def _open_relays(bench: SocketBench, clock: BranchClock) -> None:
