@@ -105,6 +105,29 @@ def break_unit(unit: UnitTruth, kind: DefectKind, rng: np.random.Generator) -> U
     return dataclasses.replace(broken, defect=note.defect, magnitude=note.magnitude, affected=note.affected)
 
 
+SHORT_OHM = 100.0
+"""A bus pin tied to something by less than this carries no signal."""
+
+
+def with_consequences(unit: UnitTruth) -> UnitTruth:
+    """The unit with what an open link between its layers, or a shorted bus pin, takes with it."""
+    circuit = unit.electrical.resistance_ohm
+    digital, gnss, gyro, acc = unit.digital, unit.gnss, unit.gyro, unit.acc
+    if min(circuit["insulation_can_to_5v"], circuit["insulation_can_to_ground"]) < SHORT_OHM:
+        digital = dataclasses.replace(digital, can_silent=True)
+    if min(circuit["insulation_rs422_to_5v"], circuit["insulation_rs422_to_ground"]) < SHORT_OHM:
+        digital = dataclasses.replace(digital, rs422_silent=True)
+    if circuit["continuity_layer_link_spi"] >= OPEN_CIRCUIT_OHM:
+        wrong = {SelfTest.SPI_FLASH: tuple(range(MAX_WRONG_WORDS))}
+        digital = dataclasses.replace(digital, wrong_addresses=wrong)
+    if circuit["continuity_layer_link_gnss"] >= OPEN_CIRCUIT_OHM:
+        gnss = dataclasses.replace(gnss, acquires=False, satellites_used=0)
+    if circuit["continuity_layer_link_imu"] >= OPEN_CIRCUIT_OHM:
+        for axis in range(3):
+            gyro, acc = _silenced(gyro, axis), _silenced(acc, axis)
+    return dataclasses.replace(unit, digital=digital, gnss=gnss, gyro=gyro, acc=acc)
+
+
 def _dead_gyro_axis(unit: UnitTruth, rng: np.random.Generator) -> tuple[UnitTruth, DefectNote]:
     axis = int(rng.integers(3))
     gyro = _silenced(unit.gyro, axis)

@@ -14,7 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from dut_emulator.defects import DEFECTS, NEAR_LIMIT_MEASURANDS, DefectKind, DefectNote, break_unit
+from dut_emulator.defects import (
+    DEFECTS,
+    NEAR_LIMIT_MEASURANDS,
+    DefectKind,
+    DefectNote,
+    break_unit,
+    with_consequences,
+)
 from dut_emulator.product_limits import (
     DEG,
     GROSS_WIDTHS,
@@ -64,7 +71,7 @@ def draw_unit(seed: int, serial: str) -> UnitTruth:
         if kind.measurands:
             note = _move_beyond(measurands, kind, category, rng)
     unit = _assemble(seed, serial, category, note, measurands, rng)
-    return break_unit(unit, kind, rng) if kind is not None else unit
+    return with_consequences(break_unit(unit, kind, rng)) if kind is not None else unit
 
 
 def truth_table(seed: int, serials: Iterable[str]) -> list[dict[str, Any]]:
@@ -199,7 +206,7 @@ def _assemble(
         # a longer period is a slower crystal
         crystal_error=1 / (1 + values["timer_period_error"]) - 1,
         gnss=_gnss(values, rng),
-        digital=DigitalTruth(wrong_addresses={}, can_silent=False, spi_broken=False, stuck_line=None),
+        digital=DigitalTruth(),
         ad_error_v=(0.0, 0.0, 0.0, *(values[f"ad_error_{channel}"] for channel in range(4, 9))),
         ad_off=None,
         measurands=dict(values),

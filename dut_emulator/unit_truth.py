@@ -2,7 +2,7 @@
 """What a unit really is. No unit, link or instrument says it; only the emulator's side reads it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -84,10 +84,13 @@ class DigitalTruth:
     `wrong_addresses`: memory test → words that do not read back. `stuck_line`: IO line and its level.
     """
 
-    wrong_addresses: Mapping[SelfTest, tuple[int, ...]]
-    can_silent: bool
-    spi_broken: bool
-    stuck_line: tuple[int, int] | None
+    wrong_addresses: Mapping[SelfTest, tuple[int, ...]] = field(
+        default_factory=dict[SelfTest, tuple[int, ...]]
+    )
+    can_silent: bool = False
+    rs422_silent: bool = False
+    spi_broken: bool = False
+    stuck_line: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)

@@ -45,12 +45,14 @@ REPLY_LATENCY_S = 0.5e-3
 ECHO_LATENCY_S = 1e-3
 FLASH_WRITE_S = 20e-3
 RESET_DELAY_S = 5e-3
+HEARTBEATS_PER_TEMPERATURE = 8
+"""The heartbeat's temperature is read anew with every so many; 256 is a multiple of it."""
 SILENCE_S = 20e-3
 """After this the parser gives up an incomplete frame."""
 FIRMWARE_VERSION, HARDWARE_REVISION = "1.4.2", "C"
 
+_ERROR_FLAGS = ("imu", "gnss", "memory", "flash", "timer", "adc", "io", "link")
 _MEMORY_TESTS = (SelfTest.INTERNAL_RAM, SelfTest.SDRAM, SelfTest.SPI_FLASH, SelfTest.INTERNAL_FLASH)
-_NO_BIT = 0
 
 
 @dataclass
@@ -112,6 +114,7 @@ class Firmware:
         self._stream: SampleStream | None = None
         self._frames_echoed = 0
         self._heartbeat_counter = 0
+        self._temperature_c = 0.0
         self._error_flags: set[str] = set()
         self._unanswered_frames = 0
         self._at(now_s + product.BOOT_DURATION_S * hardware.second_s, self._boot_done)
@@ -291,8 +294,9 @@ class Firmware:
     def _self_test_done(self, resource: str, now_s: float) -> None:
         running = self._running.pop(resource)
         head = product.SELF_TEST_REPLY_HEAD.pack(ReplyStatus.DONE, running.test, running.argument)
-        command = Frame(FrameType.SELF_TEST, running.sequence, b"")
-        self._send_frame(command, head + self._values(running, now_s), now_s)
+        values = self._values(running, now_s)
+        self._error_flags |= self_tests.error_flags(running.test, values)
+        self._send_frame(Frame(FrameType.SELF_TEST, running.sequence, b""), head + values, now_s)
 
     def _values(self, running: RunningTest, now_s: float) -> bytes:
         hardware, truth = self.hardware, self.hardware.truth
@@ -337,13 +341,19 @@ class Firmware:
 
     def _heartbeat(self, now_s: float) -> None:
         self._at(now_s + self._heartbeat_period_s, self._heartbeat)
-        hardware = self.hardware
-        warmth = hardware.sensors.temperature_c(hardware.acting_at(now_s).temperature_c, np.array([now_s]))
-        temperature_c = round(float(warmth[0]) + hardware.truth.temperature_error_c, 2)
-        identifier, data = _status_frame(self._unit_state(), round(hardware.supply_v, 3), temperature_c)
+        if self._heartbeat_counter % HEARTBEATS_PER_TEMPERATURE == 0:
+            self._temperature_c = self._read_temperature_c(now_s)
+        flags = frozenset(self._error_flags | ({"link"} if self._parser.statistics.crc_errors else set()))
+        supply_v = round(self.hardware.supply_v, 3)
+        identifier, data = _status_frame(self._unit_state(), flags, supply_v, self._temperature_c)
         data = data[:1] + bytes((self._heartbeat_counter,)) + data[2:]
         self._heartbeat_counter = (self._heartbeat_counter + 1) % 256
         self._send_can(CanFrame(identifier, data), now_s)
+
+    def _read_temperature_c(self, now_s: float) -> float:
+        hardware = self.hardware
+        warmth = hardware.sensors.temperature_c(hardware.acting_at(now_s).temperature_c, np.array([now_s]))
+        return round(float(warmth[0]) + hardware.truth.temperature_error_c, 2)
 
     def _unit_state(self) -> UnitState:
         if not self._ready:
@@ -383,6 +393,8 @@ class Firmware:
             self._send(LinkOutput(time_s, "can", frame.data, frame.identifier))
 
     def _send(self, output: LinkOutput) -> None:
+        if output.link == "rs422" and self.hardware.truth.digital.rs422_silent:
+            return
         heapq.heappush(self._outbox, (output.time_s, next(self._order), output))
 
 
@@ -397,10 +409,11 @@ def _is_valid_argument(test: SelfTest, argument: int) -> bool:
 
 
 @lru_cache(maxsize=1024)
-def _status_frame(state: UnitState, supply_v: float, temperature_c: float) -> CanFrame:
+def _status_frame(
+    state: UnitState, errors: frozenset[str], supply_v: float, temperature_c: float
+) -> CanFrame:
     """A heartbeat with counter 0; cached, because ten a second are sent and few differ."""
-    flags = ("imu", "gnss", "memory", "flash", "timer", "adc", "io", "link")
-    signals = {f"{flag}_error": _NO_BIT for flag in flags}
+    signals = {f"{flag}_error": int(flag in errors) for flag in _ERROR_FLAGS}
     return encode_can(
         GNC_STATUS,
         {

@@ -124,3 +124,18 @@ def spi_values(truth: UnitTruth) -> bytes:
     if truth.digital.spi_broken or truth.digital.stuck_line is not None:
         return IO_VALUES.pack(SPI_BYTES, SPI_BYTES)
     return IO_VALUES.pack(SPI_BYTES, 0)
+
+
+def error_flags(test: SelfTest, values: bytes) -> set[str]:
+    """Flags of the heartbeat that a finished test raises: what it could not do, not what is out of limits."""
+    match test:
+        case SelfTest.INTERNAL_RAM | SelfTest.SDRAM:
+            return {"memory"} if MEMORY_VALUES.unpack(values)[1] else set()
+        case SelfTest.SPI_FLASH | SelfTest.INTERNAL_FLASH:
+            return {"flash"} if MEMORY_VALUES.unpack(values)[1] else set()
+        case SelfTest.GNSS:
+            return {"gnss"} if values[0] == 0 else set()
+        case SelfTest.IO | SelfTest.SPI:
+            return {"io"} if IO_VALUES.unpack(values)[1] else set()
+        case _:
+            return set()
