@@ -51,9 +51,8 @@ def examine_folder(path: Path, findings: Findings) -> Recording | None:
             return None
         text = where.read_text(encoding="utf-8")
     except FileNotFoundError:
-        findings.add(
-            f"There is no {DOCUMENT_NAME}.", str(where), "name a recording's folder, or copy it whole."
-        )
+        remedy = "name a recording's folder, or copy it whole."
+        findings.add(f"There is no {DOCUMENT_NAME}.", str(where), remedy, Fault.OPERATOR)
         return None
     except (OSError, UnicodeDecodeError) as error:
         findings.add(f"The file cannot be read: {error}.", str(where), "correct or restore the file.")

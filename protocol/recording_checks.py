@@ -27,9 +27,9 @@ class Findings:
     errors: list[RecordingError] = field(default_factory=list[RecordingError])
     notes: list[str] = field(default_factory=list[str])
 
-    def add(self, what: str, where: str, remedy: str) -> None:
-        """One more thing that is wrong with the data."""
-        self.errors.append(RecordingError(what, where=where, fault=Fault.DATA, remedy=remedy))
+    def add(self, what: str, where: str, remedy: str, fault: Fault = Fault.DATA) -> None:
+        """One more thing that is wrong."""
+        self.errors.append(RecordingError(what, where=where, fault=fault, remedy=remedy))
 
     def raise_first(self) -> None:
         """Raise the first error, which carries the others as its story; nothing if there is none."""

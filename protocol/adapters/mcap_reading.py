@@ -255,8 +255,8 @@ def _read_samples(
                 if filled[channel_id] <= expected.get(channel_id, 0):
                     layout.decode_into(rows, columns[layout.stream], start)
         except _DamagedError as damage:
-            streams = ", ".join(layouts[i].stream for i in chunk.message_index_offsets if i in layouts)
-            findings.add(damage.what, f"{where}, {damage.where}, stream {streams or 'unknown'}", _RESTORE)
+            place = _lost_rows(chunk, layouts, filled)
+            findings.add(damage.what, f"{where}, {damage.where}, {place}", _RESTORE)
     for channel_id, layout in layouts.items():
         if not findings.errors and filled[channel_id] != expected.get(channel_id, 0):
             findings.add(
@@ -265,6 +265,17 @@ def _read_samples(
                 _RESTORE,
             )
     return dict(columns)
+
+
+def _lost_rows(chunk: ChunkIndex, layouts: Mapping[int, SampleLayout], filled: dict[int, int]) -> str:
+    """Stream and rows of a chunk that cannot be read; counts them, so that later rows keep their numbers."""
+    held = [layouts[channel_id] for channel_id in chunk.message_index_offsets if channel_id in layouts]
+    if len(held) != 1:
+        return f"streams {', '.join(layout.stream for layout in held) or 'unknown'}"
+    (layout,) = held
+    first = filled[layout.channel_id] + 1
+    filled[layout.channel_id] += chunk.uncompressed_size // layout.record.itemsize
+    return f"stream {layout.stream}, rows {first} to {filled[layout.channel_id]}"
 
 
 def _claimed(count: int, layout: SampleLayout, summary: _Summary) -> int:

@@ -1,5 +1,7 @@
 """Recordings of either form, by path: a folder with `recording.json`, or an `.mcap` file."""
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 from protocol.adapters.mcap_form import examine_mcap, write_mcap
@@ -11,6 +13,8 @@ from protocol.recordings import Recording
 from protocol.stream_files import StreamFormat
 
 MCAP_SUFFIX = ".mcap"
+MAX_RECORDINGS = 100_000
+"""So many are looked for below a folder."""
 
 
 def read_recording(path: Path | str) -> Recording:
@@ -34,14 +38,26 @@ def examine_recording(path: Path, findings: Findings) -> Recording | None:
     if path.name == DOCUMENT_NAME:
         return examine_folder(path.parent, findings)
     if not path.exists():
-        findings.add("There is no such file or folder.", str(path), "check the name.")
+        findings.add("There is no such file or folder.", str(path), "check the name.", Fault.OPERATOR)
         return None
     if path.suffix == MCAP_SUFFIX:
         return examine_mcap(path, findings)
-    findings.add(
-        "This is no recording.", str(path), f"name a folder with {DOCUMENT_NAME} or a {MCAP_SUFFIX} file."
-    )
+    remedy = f"name a folder with {DOCUMENT_NAME} or a {MCAP_SUFFIX} file."
+    findings.add("This is no recording.", str(path), remedy, Fault.OPERATOR)
     return None
+
+
+def recordings_below(path: Path) -> list[Path]:
+    """The recording at a path, else all recordings below it; the path itself if there is none."""
+    if not path.is_dir() or (path / DOCUMENT_NAME).exists():
+        return [path]
+    found = sorted(islice(_search(path), MAX_RECORDINGS))
+    return found or [path]
+
+
+def _search(path: Path) -> Iterator[Path]:
+    yield from (document.parent for document in path.rglob(DOCUMENT_NAME))
+    yield from path.rglob(f"*{MCAP_SUFFIX}")
 
 
 def form_of(path: Path) -> str:
