@@ -48,6 +48,9 @@ class CanPort:
             except (can.CanError, OSError, ValueError) as error:
                 raise self.lost(error) from None
             if frame is None:
+                # slcan ends a read at each of the adapter's own answers, with frames behind them
+                if self.serial_port is not None and self.serial_port.in_waiting:
+                    continue
                 return None
             if not frame.is_error_frame and not frame.is_remote_frame:
                 return frame

@@ -25,7 +25,8 @@ _BROKEN = (pyvisa.errors.VisaIOError, pyvisa.errors.InvalidSession, OSError, Val
 
 
 @lru_cache(maxsize=1)
-def _visa() -> pyvisa.ResourceManager:
+def load_visa() -> pyvisa.ResourceManager:
+    """PyVISA's resource manager with the pure-Python backend: one for the process."""
     return pyvisa.ResourceManager("@py")
 
 
@@ -110,7 +111,7 @@ class ScpiSession:
 
     def _open(self) -> Any:
         if self._session is None:
-            self._session = _visa().open_resource(
+            self._session = load_visa().open_resource(
                 self.resource,
                 read_termination="\n",
                 write_termination="\n",

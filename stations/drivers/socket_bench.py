@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from protocol.bench_description import BenchDescription, SocketResources
+from protocol.can_database import can_database
 from protocol.errors import Fault, LinkError, TestloomError
 from protocol.gnc_module import BAUD_RATE
 from protocol.instruments import Multimeter, Oscilloscope
@@ -19,7 +20,7 @@ from stations.drivers.handler import EmulatedHandler, OperatorHandler, UnitHandl
 from stations.drivers.multimeter import ScpiMultimeter
 from stations.drivers.oscilloscope import ScpiOscilloscope
 from stations.drivers.power_supply import ScpiPowerSupply, SocketSupply
-from stations.drivers.scpi import ScpiSession
+from stations.drivers.scpi import ScpiSession, load_visa
 from stations.drivers.serial_port import open_port, read_available
 from stations.drivers.socket_board import ScpiSocketBoard
 from stations.drivers.turntable import LineTurntable, TurntableSession
@@ -77,6 +78,12 @@ class SocketBench:
     @property
     def where(self) -> str:
         return f"bench {self.description.bench}, socket {self.resources.socket}"
+
+    def load_libraries(self) -> None:
+        """Load what is loaded once, so that the first unit is not tested more slowly than the others."""
+        load_visa()
+        if self.resources.can_interface is not None:
+            can_database()
 
     def clock(self, branch: int) -> BranchClock:
         """The clock of a branch; it has not joined the bench's time yet."""

@@ -37,6 +37,8 @@ REPLY_TIMEOUT_S = 0.1
 DONE_MARGIN_S = 0.2
 """Bench time beyond a self-test's fixed duration in which its values must be there."""
 BUSY_PAUSE_S = 0.05
+BOOT_POLL_S = 0.02
+"""How often a booting unit is asked."""
 MAX_TRIES = 3
 MAX_BUSY = 100
 
@@ -201,7 +203,7 @@ class GncModuleLink:
             while self._clock.now_s() < until_s:
                 sequences.append(self._exchange.post(FrameType.IDENTIFY, b""))
                 left_s = until_s - self._clock.now_s()
-                if self._await(FrameType.IDENTIFY, sequences, min(REPLY_TIMEOUT_S, left_s), _DONE):
+                if self._await(FrameType.IDENTIFY, sequences, min(BOOT_POLL_S, left_s), _DONE):
                     return True
             return False
         finally:

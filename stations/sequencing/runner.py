@@ -38,6 +38,7 @@ from stations.sequencing.core import (
 )
 from stations.sequencing.lane import Lane, SequenceEnvironment
 from stations.sequencing.safe_state import SafeState, make_safe
+from stations.sequencing.step_registry import definitions
 
 EVENT_POLL_S = 0.05
 STEP_GUARD_WALL_S = 120.0
@@ -77,6 +78,8 @@ class SequenceRunner:
             TestloomError: the bench has no such socket.
         """
         self._bench = SocketBench(bench, socket, arbitration, ask_operator)
+        self._bench.load_libraries()
+        definitions()
         self._recordings_dir = recordings_dir
         self._one_at_a_time = threading.Lock()
 
