@@ -62,7 +62,7 @@ def calibrate(
         document = {"format": FORMAT, "results": [_as_json(result) for result in results]}
         typer.echo(json.dumps(document, ensure_ascii=False, allow_nan=False))
     else:
-        console = Console(highlight=False)
+        console = Console(highlight=False, markup=False)
         for result in results:
             _show(console, result)
     if any(result.error for result in results):

@@ -4,6 +4,7 @@ A rest gives the means of a few blocks, so that its own noise can be seen; a tur
 observation, its mean rate. What cannot be used goes into the record, not into a mean.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,8 @@ from protocol.errors import CalibrationError, Fault
 
 MAX_RUNS = 200
 """Poses and rotations of one session; the noise covariance grows with their square."""
+MIN_OWN_PART = 0.99
+"""Part of a run that must lie before the next one's start for their clocks to be one."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,11 @@ def _rotation_run(run: Rotation, start: float, period: float) -> Run:
 
 
 def place_in_time(poses: Sequence[StaticPose], rotations: Sequence[Rotation]) -> PlacedSession:
-    """Start and sample period of every run; in order, one after another, where the times are not known."""
+    """Start and sample period of every run on one clock.
+
+    Where a pose has no times, or the runs' times overlap (each began a clock of its own), the runs
+    are placed one after another in their order: only the slow noise's correlation hangs on it.
+    """
     if len(poses) + len(rotations) > MAX_RUNS:
         raise CalibrationError(
             f"A session of {len(poses) + len(rotations)} runs is larger than {MAX_RUNS}.",
@@ -126,22 +133,35 @@ def place_in_time(poses: Sequence[StaticPose], rotations: Sequence[Rotation]) ->
             fault=Fault.DATA,
             remedy="evaluate it in parts.",
         )
-    periods = [period_s(run.time_s) for run in rotations if len(run.time_s) > 1]
-    typical = float(np.median(periods)) if periods else 1.0
-    timed = all(pose.time_s is not None and len(pose.time_s) > 1 for pose in poses)
-    cursor = 0.0
-    placed_poses: list[tuple[StaticPose, float, float]] = []
-    for pose in poses:
-        period = period_s(pose.time_s) if timed and pose.time_s is not None else typical
-        start = float(pose.time_s[0]) if timed and pose.time_s is not None else cursor
-        placed_poses.append((pose, start, period))
-        cursor += period * len(pose.acc_m_s2)
-    placed_rotations: list[tuple[Rotation, float, float]] = []
-    for run in rotations:
-        period = period_s(run.time_s) if len(run.time_s) > 1 else typical
-        placed_rotations.append((run, float(run.time_s[0]) if timed and len(run.time_s) else cursor, period))
-        cursor += period * len(run.time_s)
-    return PlacedSession(tuple(placed_poses), tuple(placed_rotations))
+    times = [*(pose.time_s for pose in poses), *(run.time_s for run in rotations)]
+    counts = [*(len(pose.acc_m_s2) for pose in poses), *(len(run.gyro_rad_s) for run in rotations)]
+    known = [period_s(time_s) for time_s in times if time_s is not None and len(time_s) > 1]
+    typical = float(np.median(known)) if known else 1.0
+    periods = [period_s(time_s) if time_s is not None and len(time_s) > 1 else typical for time_s in times]
+    lengths = [period * count for period, count in zip(periods, counts, strict=True)]
+    starts = _one_clock(times, lengths)
+    if starts is None:
+        starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]]).tolist() if lengths else []
+    placed = list(zip(starts, periods, strict=True))
+    return PlacedSession(
+        tuple((pose, *place) for pose, place in zip(poses, placed[: len(poses)], strict=True)),
+        tuple((run, *place) for run, place in zip(rotations, placed[len(poses) :], strict=True)),
+    )
+
+
+def _one_clock(times: Sequence[FloatArray | None], lengths: Sequence[float]) -> list[float] | None:
+    """Starts of the runs where all have times and none overlaps another; None otherwise."""
+    starts: list[float] = []
+    for time_s in times:
+        if time_s is None or len(time_s) < 2:
+            return None
+        starts.append(float(time_s[0]))
+    order = sorted(zip(starts, lengths, strict=True))
+    apart = all(
+        start + MIN_OWN_PART * length <= following
+        for (start, length), (following, _) in itertools.pairwise(order)
+    )
+    return starts if apart else None
 
 
 def observe(runs: Sequence[Run], range_limit: float | None, not_used: list[NotUsed]) -> Observations:

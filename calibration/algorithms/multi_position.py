@@ -97,12 +97,11 @@ def fit_multi_position(
         residuals = _residuals(parameters, means, gravity_m_s2)
         between = _between_rests(residuals, mean_variance + floor, freedom)
         weights = 1.0 / np.sqrt(mean_variance + between**2 + floor)
-    weighted = _raw_jacobian(parameters, means) * weights[:, None]
-    information = weighted.T @ weighted
-    if between > 0.0:
-        # The scatter was taken from the residuals: variance of the t distribution (JCGM 101, 6.4.9.2).
-        information *= (max(freedom, 3) - 2) / max(freedom, 3)
-    covariance: FloatArray = _inverse(information + np.diag(held / PRIOR_NONORTHOGONALITY_RAD**2))
+    # What was taken from the residuals has the variance of a t distribution (JCGM 101:2008, 6.4.9.2).
+    spread = max(freedom, 3) / (max(freedom, 3) - 2)
+    jacobian = _raw_jacobian(parameters, means)
+    weighted = jacobian / (mean_variance + spread * between**2 + floor)[:, None]
+    covariance: FloatArray = _inverse(jacobian.T @ weighted + np.diag(held / PRIOR_NONORTHOGONALITY_RAD**2))
     coefficients = _coefficients(parameters, covariance, residuals, freedom)
     return MultiPositionFit(coefficients, residuals, between, condition, assumed)
 
