@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import signal
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -48,7 +49,9 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
     def failed(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """A fault of the emulator itself: end, so that whoever watches starts a new bench."""
         failures.append(context)
-        log.error("the bench failed", exc_info=context.get("exception"), message=context["message"])
+        error = context.get("exception")
+        story = "".join(traceback.format_exception(error)) if error else ""
+        log.error("the bench failed", message=context["message"], story=story)
         stop.set()
 
     asyncio.get_running_loop().set_exception_handler(failed)

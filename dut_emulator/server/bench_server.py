@@ -14,7 +14,7 @@ import structlog
 from dut_emulator.server.bench_clock import Activity, BenchClock, InvalidTransition
 from dut_emulator.server.bench_model import BenchModel, BenchModelError
 from dut_emulator.server.control_channel import ControlConnection
-from dut_emulator.server.link_faults import LinkFault
+from dut_emulator.server.link_faults import FAULTS_OF_FRAMING, LinkFault
 from dut_emulator.server.links import ByteLink
 from dut_emulator.server.unit_store import UnitStore
 from protocol.bench_control import (
@@ -181,7 +181,7 @@ class BenchServer:
             self.model.stand.inject(request.fault, self._clock.now_s)
         elif target in self.links:
             served = self.links[target]
-            if request.fault not in served.fault.framing.value:
+            if request.fault not in FAULTS_OF_FRAMING[served.fault.framing]:
                 raise BenchModelError(f"link {target} cannot have the fault '{request.fault}'")
             served.fault.fault = request.fault
         else:

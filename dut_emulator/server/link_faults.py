@@ -12,11 +12,19 @@ STREAM_SAMPLE_BYTES = 120
 
 
 class Framing(Enum):
-    """How a link's bytes fall into frames, and so which faults it can have."""
+    """How a link's bytes fall into frames."""
 
-    RS422 = frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"})
-    SLCAN = frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"})
-    STAND_STREAM = frozenset({"none", "stuck", "drop"})
+    RS422 = "rs422"
+    SLCAN = "slcan"
+    STAND_STREAM = "stand_stream"
+
+
+FAULTS_OF_FRAMING = {
+    Framing.RS422: frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"}),
+    Framing.SLCAN: frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"}),
+    # doubles without sync or CRC: nothing in them can be found wrong
+    Framing.STAND_STREAM: frozenset({"none", "stuck", "drop"}),
+}
 
 
 class LinkFault:

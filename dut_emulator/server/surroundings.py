@@ -12,5 +12,7 @@ def surroundings_of(configuration: BenchServerConfiguration) -> tuple[StandModel
     """The bench's stand, if it has one, and what acts on its units."""
     if configuration.kind == "socket_board":
         return None, LevelBoard(configuration.site)
-    table = ThreeAxisTurntableModel(configuration.site, encoders=EncoderErrors(seed=configuration.instrument_seed))
+    table = ThreeAxisTurntableModel(
+        configuration.site, encoders=EncoderErrors(seed=configuration.instrument_seed)
+    )
     return TurntablePort(table, f"Testloom,TT3,{configuration.bench_identity},1.0"), table
