@@ -62,7 +62,7 @@ def home_stand(ctx: StepContext) -> None:
 @step("imu_warm_up")
 def warm_up(ctx: StepContext) -> None:
     """Let the powered unit warm itself: `duration_s` of bench time."""
-    ctx.clock.sleep_until(ctx.clock.now_s() + _number(ctx, "duration_s"))
+    ctx.clock.sleep_until(ctx.clock.now_s() + ctx.number("duration_s"))
 
 
 @step("imu_six_positions")
@@ -70,8 +70,8 @@ def six_positions(ctx: StepContext) -> None:
     """Record raw output with each axis up and down: `duration_s` each, at `rate_hz`."""
     ctx.values[_POSES] = capture_poses(
         ctx,
-        duration_s=_number(ctx, "duration_s"),
-        rate_hz=round(_number(ctx, "rate_hz")),
+        duration_s=ctx.number("duration_s"),
+        rate_hz=round(ctx.number("rate_hz")),
         compensated=False,
     )
 
@@ -80,7 +80,7 @@ def six_positions(ctx: StepContext) -> None:
 def turns(ctx: StepContext) -> None:
     """Record raw output while each axis is turned forth and back under the vertical."""
     ctx.values[_TURNS] = capture_turns(
-        ctx, _profile(ctx), rate_hz=round(_number(ctx, "rate_hz")), compensated=False
+        ctx, _profile(ctx), rate_hz=round(ctx.number("rate_hz")), compensated=False
     )
 
 
@@ -159,8 +159,8 @@ def write_coefficients(ctx: StepContext) -> None:
 )
 def second_look(ctx: StepContext) -> None:
     """Record the unit's *compensated* output in new positions' captures and turns: what is left."""
-    rate_hz = round(_number(ctx, "rate_hz"))
-    poses = capture_poses(ctx, duration_s=_number(ctx, "duration_s"), rate_hz=rate_hz, compensated=True)
+    rate_hz = round(ctx.number("rate_hz"))
+    poses = capture_poses(ctx, duration_s=ctx.number("duration_s"), rate_hz=rate_hz, compensated=True)
     spins = capture_turns(ctx, _profile(ctx), rate_hz=rate_hz, compensated=True)
     session = build_session([*poses, *spins], ctx.site)
     _kept(ctx, session, "imu_verification")
@@ -213,21 +213,11 @@ def _kept(ctx: StepContext, session: StandSession, profile: str) -> Recording:
 
 def _profile(ctx: StepContext) -> TurnProfile:
     return TurnProfile(
-        angle_deg=_number(ctx, "angle_deg"),
-        duration_s=_number(ctx, "turn_duration_s"),
-        ramp_s=_number(ctx, "turn_ramp_s"),
-        rest_s=_number(ctx, "rest_s"),
+        angle_deg=ctx.number("angle_deg"),
+        duration_s=ctx.number("turn_duration_s"),
+        ramp_s=ctx.number("turn_ramp_s"),
+        rest_s=ctx.number("rest_s"),
     )
-
-
-def _number(ctx: StepContext, name: str) -> float:
-    value = ctx.parameters.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise StepError(
-            f"The step needs the parameter '{name}' as a number.",
-            remedy="give it in the plan.",
-        )
-    return float(value)
 
 
 def _captures(ctx: StepContext, name: str) -> list[Capture]:
