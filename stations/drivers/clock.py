@@ -50,6 +50,10 @@ class BranchClock(ABC):
         """Let time pass to `until_s`, or less: a slice of it, or until `port` got more than `seen` bytes."""
 
     @abstractmethod
+    def _synchronise(self) -> None:
+        """Make `now_s` no earlier than the bench's own time at the moment of the call."""
+
+    @abstractmethod
     def catch_up(self) -> None:
         """Take in what every link has been handed until now, also where no reply tells its end."""
 
@@ -79,6 +83,14 @@ class BranchClock(ABC):
             if self.now_s() >= time_s:
                 return
             self._wait(self._bounded(time_s), None, 0)
+
+    def sleep_for(self, duration_s: float) -> None:
+        """Let at least so much bench time pass from now, counted by the bench; raises as `sleep_until`.
+
+        For instruments and relays, which need their time after a command that has just been done.
+        """
+        self._synchronise()
+        self.sleep_until(self.now_s() + duration_s)
 
     def wait_for_bytes(self, port: Any, seen: int, until_s: float) -> bool:
         """Wait until a port may have new bytes (True), or a moment has passed (False).
@@ -179,6 +191,11 @@ class LockstepClock(BranchClock):
             return self._known_s
         return self._known_s + (time.monotonic() - self._known_at) * self._pace
 
+    def _synchronise(self) -> None:
+        # in lock-step time stands while this branch works: what is known is exact
+        if self._pace:
+            self.catch_up()
+
     def catch_up(self) -> None:
         self._wait(self.now_s(), None, 0)
 
@@ -208,6 +225,9 @@ class WallClock(BranchClock):
 
     def now_s(self) -> float:
         return time.monotonic()
+
+    def _synchronise(self) -> None:
+        """The wall clock is one for all."""
 
     def catch_up(self) -> None:
         time.sleep(TRANSFER_S)

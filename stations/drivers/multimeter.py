@@ -1,6 +1,6 @@
 """A SCPI multimeter."""
 
-from protocol.instruments import BenchClock
+from stations.drivers.clock import BranchClock
 from stations.drivers.scpi import ScpiSession
 
 POWER_LINE_CYCLE_S = 0.02
@@ -12,7 +12,7 @@ class ScpiMultimeter:
     An overload or an open circuit reads 9.9E+37 (SCPI-99).
     """
 
-    def __init__(self, session: ScpiSession, clock: BenchClock, power_line_cycles: float = 1.0) -> None:
+    def __init__(self, session: ScpiSession, clock: BranchClock, power_line_cycles: float = 1.0) -> None:
         self._session = session
         self._clock = clock
         self._cycles = power_line_cycles
@@ -32,5 +32,5 @@ class ScpiMultimeter:
             self._session.set(f"SENS:NPLC {self._cycles:g}")
             self._function = function
         self._session.set("INIT")
-        self._clock.sleep_until(self._clock.now_s() + self._cycles * POWER_LINE_CYCLE_S)
+        self._clock.sleep_for(self._cycles * POWER_LINE_CYCLE_S)
         return self._session.query_number("FETC?")

@@ -1,6 +1,6 @@
 """A SCPI oscilloscope, used for two figures: the period and the peak-to-peak voltage of a signal."""
 
-from protocol.instruments import BenchClock
+from stations.drivers.clock import BranchClock
 from stations.drivers.scpi import ScpiSession
 
 WINDOW_S = 0.02
@@ -12,7 +12,7 @@ class ScpiOscilloscope:
     No period in the window reads 9.9E+37 (SCPI-99).
     """
 
-    def __init__(self, session: ScpiSession, clock: BenchClock) -> None:
+    def __init__(self, session: ScpiSession, clock: BranchClock) -> None:
         self._session = session
         self._clock = clock
         self._function: str | None = None
@@ -30,5 +30,5 @@ class ScpiOscilloscope:
             self._session.set(function)
             self._function = function
         self._session.set("INIT")
-        self._clock.sleep_until(self._clock.now_s() + WINDOW_S)
+        self._clock.sleep_for(WINDOW_S)
         return self._session.query_number("FETC?")

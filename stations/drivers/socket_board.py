@@ -1,6 +1,6 @@
 """The board under a socket: relays to the test points, the AD switch, the presence contact."""
 
-from protocol.instruments import BenchClock
+from stations.drivers.clock import BranchClock
 from stations.drivers.scpi import ScpiSession
 
 RELAY_SETTLING_S = 0.005
@@ -13,7 +13,7 @@ class ScpiSocketBoard:
     another one measures.
     """
 
-    def __init__(self, session: ScpiSession, clock: BenchClock) -> None:
+    def __init__(self, session: ScpiSession, clock: BranchClock) -> None:
         self._session = session
         self._clock = clock
 
@@ -36,4 +36,4 @@ class ScpiSocketBoard:
         return self._session.query("SENS:PRES?").upper() in ("1", "ON")
 
     def _settle(self) -> None:
-        self._clock.sleep_until(self._clock.now_s() + RELAY_SETTLING_S)
+        self._clock.sleep_for(RELAY_SETTLING_S)

@@ -19,6 +19,9 @@ ANSWER_TIMEOUT_S = 5.0
 MAX_ANSWER_BYTES = 4096
 MAX_STATUS_POLLS = 100
 STATUS_POLL_S = 0.01
+MAX_HOME_POLLS = 480
+HOME_POLL_S = 0.25
+"""Finding the reference takes as long as it takes, within two minutes; the controller does not say."""
 POSITION_TOLERANCE_DEG = 0.01
 AXES = ("outer", "middle", "inner")
 
@@ -133,7 +136,7 @@ class LineTurntable:
     def home(self) -> None:
         """Find the reference; returns when it is found. Raises LinkError."""
         self._session.ask("HOME")
-        self._until_ready()
+        self._until_ready(MAX_HOME_POLLS, HOME_POLL_S)
 
     def move_to(self, angles_deg: Sequence[float]) -> None:
         """Move to (outer, middle, inner); returns in position and at rest. Raises LinkError."""
@@ -174,7 +177,7 @@ class LineTurntable:
         for _ in range(MAX_STATUS_POLLS):
             if self.status().state != "MOVING":
                 return
-            self._clock.sleep_until(self._clock.now_s() + STATUS_POLL_S)
+            self._clock.sleep_for(STATUS_POLL_S)
         raise self._fault("The stand does not come to rest")
 
     def status(self) -> StandStatus:
@@ -190,16 +193,16 @@ class LineTurntable:
             duration_s = float(answer)
         except ValueError:
             raise self._fault(f"The stand answered '{answer}' instead of a duration") from None
-        self._clock.sleep_until(self._clock.now_s() + duration_s)
+        self._clock.sleep_for(duration_s)
 
-    def _until_ready(self) -> StandStatus:
+    def _until_ready(self, polls: int = MAX_STATUS_POLLS, poll_s: float = STATUS_POLL_S) -> StandStatus:
         status = self.status()
-        for _ in range(MAX_STATUS_POLLS):
+        for _ in range(polls):
             if status.state == "READY":
                 return status
             if status.state != "MOVING":
                 break
-            self._clock.sleep_until(self._clock.now_s() + STATUS_POLL_S)
+            self._clock.sleep_for(poll_s)
             status = self.status()
         raise self._fault(f"The stand did not become ready: its state is {status.state}")
 
