@@ -8,7 +8,7 @@ The order matters: within the commands of one `handle`, everything to be kept (`
 answered or sent.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from protocol.coordinator_events import Fact, Timer
 from protocol.line_views import Alarm, OrderAccepted
@@ -28,22 +28,19 @@ Reply = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Journal:
+class Journal(NamedTuple):
     """Append this fact to the journal."""
 
     fact: Fact
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """The reply to the request that this event came from. RequestRejected goes as an error reply."""
 
     reply: Reply
 
 
-@dataclass(frozen=True, slots=True)
-class SetTimer:
+class SetTimer(NamedTuple):
     """Come back with TimerExpired at `at_s`. Timers are never cancelled, only found out of date."""
 
     timer: Timer
@@ -51,8 +48,7 @@ class SetTimer:
     at_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class KeepRecord:
+class KeepRecord(NamedTuple):
     """Store this record of the submission. `set_aside`: its lease was no longer valid."""
 
     attempt_id: str
@@ -61,8 +57,7 @@ class KeepRecord:
     received_at_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class KeepUnit:
+class KeepUnit(NamedTuple):
     """A unit is new or has moved: `operation` is the one it is at, None when it is finished."""
 
     serial: str
@@ -74,8 +69,7 @@ class KeepUnit:
     at_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class RaiseAlarm:
+class RaiseAlarm(NamedTuple):
     """Something a person should look at."""
 
     alarm: Alarm

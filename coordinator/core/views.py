@@ -172,24 +172,29 @@ def _queue_positions(floor: Floor) -> dict[str, int]:
 
 def _unit(floor: Floor, unit: Unit, queue_position: int | None) -> UnitStatus:
     lease = floor.line.leases.get(unit.fence)
-    finished = unit.state == "FINISHED"
+    template, values = _waits_for(floor, unit) if unit.state == "WAITING" else ("", {})
     return UnitStatus(
         unit=floor.identity(unit),
         disposition=unit.disposition,
-        operation=None if finished else unit.operation.name,
+        operation=None if unit.state == "FINISHED" else unit.operation.name,
         station=lease.station if lease else None,
         socket=lease.socket if lease else None,
         attempts=len(unit.attempts),
         queue_position=queue_position,
-        waits_for=_waits_for(floor, unit) if unit.state == "WAITING" else "",
+        waits_for=template.format(**values),
+        waits_for_template=template,
+        waits_for_values=values,
     )
 
 
-def _waits_for(floor: Floor, unit: Unit) -> str:
+def _waits_for(floor: Floor, unit: Unit) -> tuple[str, dict[str, str]]:
     operation = unit.operation.name
     queue = floor.dispatcher.queues[operation]
     if not queue.in_service:
-        return f"no socket in service can run {operation}"
+        return "no socket in service can run {operation}", {"operation": operation}
     if unit.failed_sockets and queue.in_service - set(unit.failed_sockets):
-        return f"another socket for {operation} than {', '.join(unit.failed_sockets)}"
-    return f"a free socket for {operation}"
+        return (
+            "another socket for {operation} than {sockets}",
+            {"operation": operation, "sockets": ", ".join(dict.fromkeys(unit.failed_sockets))},
+        )
+    return "a free socket for {operation}", {"operation": operation}
