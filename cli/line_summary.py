@@ -28,11 +28,10 @@ class Truth:
 
 @dataclass(frozen=True)
 class KeptRecord:
-    """An attempt as found in the database."""
+    """An attempt's record as found in the database."""
 
     attempt_id: str
     station: str
-    sequence_number: int
 
 
 @dataclass(frozen=True)
@@ -43,16 +42,17 @@ class Ledger:
     kept: Sequence[KeptRecord]
 
     def lost(self) -> int:
-        """Records that a station made and the database does not have."""
-        kept = {(record.station, record.sequence_number) for record in self.kept if record.sequence_number}
-        expected = {(s, number) for s, count in self.made.items() for number in range(1, count + 1)}
-        return len(expected - kept)
+        """Records that a station made and the database does not have.
+
+        A station numbers its records without a gap and makes one an attempt, so that counting
+        distinct attempts by station finds each loss.
+        """
+        kept = Counter(station for station, _ in {(r.station, r.attempt_id) for r in self.kept})
+        return sum(max(0, made - kept[station]) for station, made in self.made.items())
 
     def duplicated(self) -> int:
-        """Attempts, or places in a station's sequence, that the database has more than once."""
-        attempts = Counter(record.attempt_id for record in self.kept)
-        places = Counter((r.station, r.sequence_number) for r in self.kept if r.sequence_number)
-        return sum(n - 1 for n in attempts.values()) + sum(n - 1 for n in places.values())
+        """Attempts that the database has more than once."""
+        return len(self.kept) - len({record.attempt_id for record in self.kept})
 
 
 def summarise(

@@ -1,7 +1,7 @@
 """Watching a line at work: orders units, shows progress, keeps its processes up."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -11,6 +11,7 @@ from rich.live import Live
 from cli.line_client import LineClient, line_client
 from cli.line_display import live_view, progress_line, summary_lines, units_table, yield_table
 from cli.line_layout import LineLayout
+from cli.line_summary import Truth
 from cli.process_group import ProcessGroup
 from protocol.adapters.zenoh_link import NoReplyError
 from protocol.attempts import UnitIdentity
@@ -104,10 +105,11 @@ class LineWatch:
         except KeyboardInterrupt:
             return
 
-    def show_result(self, status: LineStatus, result: dict[str, Any]) -> None:
+    def show_result(
+        self, status: LineStatus, summary: Mapping[str, Any], truths: Mapping[str, Truth]
+    ) -> None:
         """The final tables."""
-        summary = result["summary"]
-        self._console.print(units_table(status.units, result["truths"]))
+        self._console.print(units_table(status.units, truths))
         self._console.print(yield_table(status.yield_report))
         for line in summary_lines(summary):
             self._console.print(line)

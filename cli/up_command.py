@@ -94,10 +94,10 @@ def _run_line(layout: LineLayout, units: int, *, quiet: bool, stay: bool) -> dic
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not leave processes behind
         group.stop()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    result = audited_summary(layout, status, [unit.serial for unit in order.units], wall_s)
+    result, truths = audited_summary(layout, status, [unit.serial for unit in order.units], wall_s)
     if not quiet:
-        watch.show_result(status, result)
-    return result["summary"]
+        watch.show_result(status, result, truths)
+    return result
 
 
 def _prepared(directory: Path | None) -> Path:

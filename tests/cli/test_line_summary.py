@@ -32,19 +32,17 @@ def _status(dispositions: dict[str, Disposition]) -> LineStatus:
     )
 
 
-def _kept(*places: tuple[str, int]) -> list[KeptRecord]:
-    return [KeptRecord(f"{station}.{number}", station, number) for station, number in places]
-
-
 def test_a_record_that_only_the_station_has_is_lost() -> None:
-    ledger = Ledger(made={"s1": 3, "s2": 1}, kept=_kept(("s1", 1), ("s1", 3), ("s2", 1)))
+    kept = [KeptRecord("a.1", "s1"), KeptRecord("b.1", "s1"), KeptRecord("c.1", "s2")]
+    ledger = Ledger(made={"s1": 3, "s2": 1, "s3": 0}, kept=kept)
     assert ledger.lost() == 1
     assert ledger.duplicated() == 0
 
 
-def test_a_record_kept_twice_is_a_duplicate() -> None:
-    twice = [KeptRecord("a", "s1", 1), KeptRecord("a", "s1", 1)]
-    assert Ledger(made={"s1": 1}, kept=twice).duplicated() == 2  # the attempt, and its place
+def test_a_record_kept_twice_is_a_duplicate_and_makes_up_for_no_loss() -> None:
+    ledger = Ledger(made={"s1": 2}, kept=[KeptRecord("a.1", "s1"), KeptRecord("a.1", "s1")])
+    assert ledger.duplicated() == 1
+    assert ledger.lost() == 1
 
 
 def test_escapes_and_false_rejects_count_gross_and_healthy_units_only() -> None:
