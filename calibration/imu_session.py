@@ -14,7 +14,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.algorithms.captures import Rotation, StaticPose, observe, period_s, place_in_time
+from calibration.algorithms.captures import (
+    Rotation,
+    StaticPose,
+    acc_run_name,
+    gyro_run_name,
+    observe,
+    period_s,
+    place_in_time,
+)
 from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
 from calibration.algorithms.linear_triad import LinearFit, fit_linear_triad
 from calibration.algorithms.noise_covariance import Observations, noise_hypotheses
@@ -152,19 +160,23 @@ def verify_imu(
         CalibrationError: as in `calibrate_imu`.
     """
     seen = calibrate_imu(poses, rotations, gyro_range_rad_s=gyro_range_rad_s, acc_range_m_s2=acc_range_m_s2)
-    left_out = {item.what for item in seen.not_used}
+    # Mean output less truth: what the fit left over, and what the fit differs from the identity.
     acc_residuals = [
-        np.nanmean(pose.acc_m_s2, axis=0) - pose.specific_force_body_m_s2
+        seen.acc_residuals_m_s2[name]
+        + seen.acc.predict(pose.specific_force_body_m_s2)
+        - pose.specific_force_body_m_s2
         for pose in poses
-        if f"{pose.name} (accelerometer)" not in left_out
+        if (name := acc_run_name(pose.name)) in seen.acc_residuals_m_s2
     ]
-    angle_residuals = [
-        (run.gyro_rad_s.sum(axis=0) * period_s(run.time_s))
-        - run.rotation_body_rad
-        - run.earth_rotation_body_rad
-        for run in rotations
-        if f"{run.name} (gyro)" not in left_out
-    ]
+    angle_residuals: list[FloatArray] = []
+    for run in rotations:
+        name = gyro_run_name(run.name)
+        if name in seen.gyro_residuals_rad_s:
+            duration_s = period_s(run.time_s) * len(run.time_s)
+            rate = (run.rotation_body_rad + run.earth_rotation_body_rad) / duration_s
+            angle_residuals.append(
+                (seen.gyro_residuals_rad_s[name] + seen.gyro.predict(rate) - rate) * duration_s
+            )
     return ImuResiduals(
         gyro_scale_factor_error_max=float(np.abs(seen.gyro.scale_factor_error()).max()),
         gyro_cross_coupling_max_rad=float(np.abs(seen.gyro.cross_coupling()).max()),

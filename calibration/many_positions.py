@@ -42,22 +42,7 @@ def evaluate_positions(
     stream = recording.stream("dut")
     acc = stream.si("acc_x", "acc_y", "acc_z")
     not_used: list[NotUsed] = []
-    if recording.test.get("profile") == POSE_MEANS_PROFILE:
-        source = say("each row is the mean of one pose")
-        rows = [
-            (f"row {k + 1}", np.array([k])) for k in np.flatnonzero(np.isfinite(acc).all(axis=1)).tolist()
-        ]
-        if len(rows) < len(acc):
-            not_used.append(NotUsed(say("rows"), len(acc) - len(rows), "missing values (NaN)"))
-    else:
-        segmentation = rests(recording, folder)
-        source = segmentation.source
-        rows = _usable_rows(segmentation.segments, acc, acc_range_m_s2, not_used)
-        inside = sum(segment.last - segment.first for segment in segmentation.segments)
-        if inside < len(acc):
-            not_used.append(
-                NotUsed(say("between the rests"), len(acc) - inside, say("motion without a reference"))
-            )
+    rows, source = _poses(recording, folder, acc, acc_range_m_s2, not_used)
     if len(rows) > MAX_POSES:
         raise CalibrationError(
             f"{len(rows)} poses are more than {MAX_POSES}.",
@@ -89,6 +74,31 @@ def evaluate_positions(
         assumptions=(local.sentence, *_sentences(source, len(rows), fit.between_rests_m_s2, fit.assumed)),
         not_used=tuple(not_used),
     )
+
+
+def _poses(
+    recording: Recording,
+    folder: Path | None,
+    acc: FloatArray,
+    acc_range_m_s2: float | None,
+    not_used: list[NotUsed],
+) -> tuple[list[tuple[str, NDArray[np.intp]]], str]:
+    """Name and usable rows of each pose, and in words how they were found."""
+    if recording.test.get("profile") == POSE_MEANS_PROFILE:
+        kept = np.flatnonzero(np.isfinite(acc).all(axis=1))
+        if len(kept) < len(acc):
+            not_used.append(NotUsed(say("rows"), len(acc) - len(kept), "missing values (NaN)"))
+        return [(f"row {k + 1}", np.array([k])) for k in kept.tolist()], say(
+            "each row is the mean of one pose"
+        )
+    segmentation = rests(recording, folder)
+    rows = _usable_rows(segmentation.segments, acc, acc_range_m_s2, not_used)
+    inside = sum(segment.last - segment.first for segment in segmentation.segments)
+    if inside < len(acc):
+        not_used.append(
+            NotUsed(say("between the rests"), len(acc) - inside, say("motion without a reference"))
+        )
+    return rows, segmentation.source
 
 
 def _sentences(source: str, poses: int, between_m_s2: float, assumed: tuple[str, ...]) -> list[str]:

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.ferraris import (
     POSES,
@@ -24,19 +22,20 @@ from calibration.algorithms.ferraris import (
     calibrate_ferraris,
 )
 from calibration.evaluation import Evaluation, Residual
-from calibration.imu_session import NotUsed, Rotation, SlowNoise, StaticPose, calibrate_imu
+from calibration.imu_session import NotUsed
 from calibration.many_positions import evaluate_positions
 from calibration.rest_segments import named_sections
+from calibration.sensor_knowledge import axes, sensor_range
 from calibration.site_gravity import gravity
+from calibration.stand_recordings import evaluate_stand_session
 from protocol.errors import CalibrationError, Fault
 from protocol.language import say
 from protocol.recordings import Recording, Stream
-from protocol.units_of_measure import factor_to_si
+
+__all__ = ["Source", "evaluate", "sensor_range", "together"]
 
 FERRARIS_PREFIX = "ferraris_"
 FERRARIS_PARTS = (*POSES, *TURNS)
-RANGE_MARGIN = 0.002
-"""Full-scale words end up to this part inside the nominal range (32767 / 16.4 = 1998 of 2000 deg/s)."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +81,10 @@ def evaluate(group: Sequence[Source]) -> Evaluation:
     if len(group) != 1:
         raise _refused("These recordings do not belong to one evaluation.", group, "evaluate them one by one")
     if first.recording.test.get("segments"):
-        return _session_on_stand(first)
+        return evaluate_stand_session(first.recording)
     if first.profile == "ferraris_session":
         return _ferraris_in_one(first)
-    if not first.recording.stream("dut").has(*_axes("acc")):
+    if not first.recording.stream("dut").has(*axes("acc")):
         raise _refused(
             "No calibration method applies: the recording has no accelerometer, no named segments and "
             "no parts of a Ferraris session.",
@@ -98,15 +97,6 @@ def evaluate(group: Sequence[Source]) -> Evaluation:
         gravity(first.recording),
         acc_range_m_s2=sensor_range(first.recording, "acc"),
     )
-
-
-def sensor_range(recording: Recording, kind: str) -> float | None:
-    """End of the range of 'gyro' or 'acc' in SI, a margin inside the nominal one; None: not known."""
-    described = recording.believed.get(kind)
-    if not isinstance(described, Mapping) or not isinstance(described.get("range"), int | float):
-        return None
-    unit = str(described.get("unit", ""))
-    return float(described["range"]) * factor_to_si(unit) * (1.0 - RANGE_MARGIN)
 
 
 def _ferraris_part(source: Source) -> str | None:
@@ -150,9 +140,9 @@ def _take_part(
     part: str, stream: Stream, first: int, last: int, rests: dict[str, HandRest], turns: dict[str, HandTurn]
 ) -> None:
     rows = slice(first, last)
-    time_s, gyro = stream.time_s()[rows], stream.si(*_axes("gyro"))[rows]
+    time_s, gyro = stream.time_s()[rows], stream.si(*axes("gyro"))[rows]
     if part in POSES:
-        rests[part] = HandRest(time_s, stream.si(*_axes("acc"))[rows], gyro)
+        rests[part] = HandRest(time_s, stream.si(*axes("acc"))[rows], gyro)
     else:
         turns[part] = HandTurn(time_s, gyro)
 
@@ -215,103 +205,6 @@ def _residuals(names: Sequence[str], run: Any, values: FloatArray, unit: str) ->
     return [
         Residual(name, tuple(float(v) for v in mean), unit) for name, mean in zip(names, means, strict=True)
     ]
-
-
-def _session_on_stand(source: Source) -> Evaluation:
-    """A station's own recording: `test.segments` name each pose and turn with the stand's truth."""
-    recording = source.recording
-    stream = recording.stream("dut")
-    time_s, gyro, acc = stream.time_s(), stream.si(*_axes("gyro")), stream.si(*_axes("acc"))
-    poses: list[StaticPose] = []
-    rotations: list[Rotation] = []
-    outside = len(stream)
-    for number, segment in enumerate(recording.test["segments"], start=1):
-        where = f"{recording.recording_id}, test.segments[{number}]"
-        try:
-            name, kind = str(segment["name"]), segment["kind"]
-            start_s, end_s = float(segment["start_s"]), float(segment["end_s"])
-            rows = slice(*np.searchsorted(time_s, [start_s, end_s], side="left").tolist())
-            if kind == "static":
-                poses.append(
-                    StaticPose(
-                        name,
-                        gyro[rows],
-                        acc[rows],
-                        _vector(segment, "specific_force_body_m_s2"),
-                        _vector(segment, "earth_rate_body_rad_s"),
-                        time_s[rows],
-                    )
-                )
-            elif kind == "rotation":
-                turn, earth = (
-                    _vector(segment, "rotation_body_rad"),
-                    _vector(segment, "earth_rotation_body_rad"),
-                )
-                rotations.append(Rotation(name, time_s[rows], gyro[rows], turn, earth))
-            else:
-                raise ValueError(f"kind '{kind}' is neither 'static' nor 'rotation'")
-        except (KeyError, TypeError, ValueError) as error:
-            raise CalibrationError(
-                f"A segment of the recording cannot be used: {error}.",
-                where=where,
-                fault=Fault.DATA,
-                remedy="give name, kind, start_s, end_s and the stand's truth for each segment.",
-            ) from None
-        outside -= rows.stop - rows.start
-    found = calibrate_imu(
-        poses,
-        rotations,
-        gyro_range_rad_s=sensor_range(recording, "gyro"),
-        acc_range_m_s2=sensor_range(recording, "acc"),
-        gyro_slow_noise=_slow_noise(recording, "gyro"),
-        acc_slow_noise=_slow_noise(recording, "acc"),
-    )
-    residuals = [
-        *(Residual(n, tuple(map(float, v)), "m/s^2") for n, v in found.acc_residuals_m_s2.items()),
-        *(Residual(n, tuple(map(float, v)), "rad/s") for n, v in found.gyro_residuals_rad_s.items()),
-    ]
-    not_used = list(found.not_used)
-    if outside > 0:
-        not_used.append(
-            NotUsed(say("between the segments"), outside, say("the stand was moving to the next pose"))
-        )
-    return Evaluation(
-        recording_ids=(recording.recording_id,),
-        serial=str(recording.unit.get("serial", "")),
-        product=str(recording.unit.get("product", "")),
-        method="imu_calibration",
-        acc=found.acc,
-        gyro=found.gyro,
-        gyro_bias=None,
-        residuals=tuple(residuals),
-        assumptions=(
-            say("poses, turns and Earth rate in body axes as the stand's encoders give them"),
-            say("gyro noise: {words}", words=found.gyro_noise),
-            say("accelerometer noise: {words}", words=found.acc_noise),
-        ),
-        not_used=tuple(not_used),
-    )
-
-
-def _slow_noise(recording: Recording, kind: str) -> SlowNoise | None:
-    """Bias instability that the recording states with its correlation time; None otherwise."""
-    described = recording.believed.get(kind)
-    stated = described.get("bias_instability") if isinstance(described, Mapping) else None
-    if not isinstance(stated, Mapping) or not isinstance(stated.get("correlation_time_s"), int | float):
-        return None
-    level = float(stated["value"]) * factor_to_si(str(stated["unit"]))
-    return SlowNoise(level, float(stated["correlation_time_s"]))
-
-
-def _vector(segment: Mapping[str, Any], key: str) -> FloatArray:
-    vector = np.array(segment[key], dtype=np.float64)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise ValueError(f"{key} is not three finite numbers")
-    return vector
-
-
-def _axes(kind: str) -> tuple[str, str, str]:
-    return f"{kind}_x", f"{kind}_y", f"{kind}_z"
 
 
 def _refused(what: str, group: Sequence[Source], remedy: str) -> CalibrationError:

@@ -85,18 +85,26 @@ class PlacedSession:
 
     def acc_runs(self) -> list[Run]:
         return [
-            _static_run(
-                f"{pose.name} (accelerometer)", start, period, pose.acc_m_s2, pose.specific_force_body_m_s2
-            )
+            _static_run(acc_run_name(pose.name), start, period, pose.acc_m_s2, pose.specific_force_body_m_s2)
             for pose, start, period in self.poses
         ]
 
     def gyro_runs(self) -> list[Run]:
         runs = [
-            _static_run(f"{pose.name} (gyro)", start, period, pose.gyro_rad_s, pose.earth_rate_body_rad_s)
+            _static_run(gyro_run_name(pose.name), start, period, pose.gyro_rad_s, pose.earth_rate_body_rad_s)
             for pose, start, period in self.poses
         ]
         return runs + [_rotation_run(run, start, period) for run, start, period in self.rotations]
+
+
+def acc_run_name(name: str) -> str:
+    """What the accelerometer's part of a pose is called in residuals and records."""
+    return f"{name} (accelerometer)"
+
+
+def gyro_run_name(name: str) -> str:
+    """What the gyro's part of a pose or turn is called in residuals and records."""
+    return f"{name} (gyro)"
 
 
 def _static_run(name: str, start: float, period: float, samples: FloatArray, truth: FloatArray) -> Run:
@@ -108,7 +116,7 @@ def _static_run(name: str, start: float, period: float, samples: FloatArray, tru
 
 
 def _rotation_run(run: Rotation, start: float, period: float) -> Run:
-    name = f"{run.name} (gyro)"
+    name = gyro_run_name(run.name)
     values = _checked(name, run.gyro_rad_s, 2)
     turn = _checked(name, run.rotation_body_rad, 1) + _checked(name, run.earth_rotation_body_rad, 1)
 
