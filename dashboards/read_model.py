@@ -123,7 +123,7 @@ class ReadModel:
             self._status = status
             self._heard_at_s = self._clock()
             if self._reason:
-                _log.info("coordinator answers", line=status.line)
+                _log.info("coordinator answers")
             self._reason = ""
             self._take_progress(self._heard_at_s)
 

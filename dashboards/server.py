@@ -13,6 +13,7 @@ from fastapi.responses import RedirectResponse
 from nicegui import ui
 
 from dashboards.line_source import ConnectLine, zenoh_line
+from dashboards.logs import configure_logs
 from dashboards.pages import LANGUAGE_COOKIE, THEME_COOKIE, THEMES, register_pages
 from dashboards.read_model import ReadModel
 from protocol.errors import Fault, TestloomError
@@ -69,6 +70,7 @@ def run_dashboard(
     listening = _listen(host, port)
     shown_host = f"[{host}]" if ":" in host else host
     url = f"http://{shown_host}:{listening.getsockname()[1]}/"
+    configure_logs(line)
     model = ReadModel(connect or zenoh_line(line, router_endpoint))
     register_pages(model, line, language)
     application = _application(language)
