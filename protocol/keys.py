@@ -16,7 +16,8 @@ CoordinatorVerb = Literal["register", "renew", "submit", "request"]
 COORDINATOR_VERBS: tuple[CoordinatorVerb, ...] = ("register", "renew", "submit", "request")
 COORDINATOR_NAME = "coordinator"
 
-_CHUNK = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")
+_CHUNK = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+_NUMBER = re.compile(r"[0-9]{1,20}")
 
 
 def checked_name(name: str, what: str) -> str:
@@ -25,7 +26,7 @@ def checked_name(name: str, what: str) -> str:
     Raises:
         TestloomError: the name is empty, too long or has a character that keys give a meaning.
     """
-    if not _CHUNK.match(name):
+    if not _CHUNK.fullmatch(name):
         raise TestloomError(
             f"'{name}' cannot be the name of a {what}.",
             fault=Fault.OPERATOR,
@@ -77,7 +78,7 @@ def parse_alive_key(key: str) -> tuple[str, int]:
         TestloomError: it is not an alive key.
     """
     parts = key.split("/")
-    if len(parts) != 5 or parts[0] != "testloom" or parts[2] != "alive" or not parts[4].isdigit():
+    if len(parts) != 5 or parts[0] != "testloom" or parts[2] != "alive" or not _NUMBER.fullmatch(parts[4]):
         raise TestloomError(f"'{key}' is not the key of a liveliness token.", fault=Fault.TESTLOOM)
     return parts[3], int(parts[4])
 

@@ -39,15 +39,21 @@ class MeasurementSpecification(FrozenModel):
         return self
 
     def judge(self, value: Value | None) -> MeasurementOutcome:
-        """PASS or FAIL by the limits; UNSET for None; ERROR for a value that is not a number."""
+        """PASS or FAIL by the limits; UNSET for None; ERROR for a value that is not a number.
+
+        `equals` compares numbers by their value (3 and 3.0 are the same), but a truth value or a
+        text is never the same as a number.
+        """
         if value is None:
             return MeasurementOutcome.UNSET
+        if isinstance(value, float) and not math.isfinite(value):
+            return MeasurementOutcome.ERROR
         if self.equals is not None:
-            same = type(value) is type(self.equals) and value == self.equals
+            same = _kind(value) is _kind(self.equals) and value == self.equals
             return MeasurementOutcome.PASS if same else MeasurementOutcome.FAIL
         if self.low is None and self.high is None:
             return MeasurementOutcome.PASS
-        if isinstance(value, (str, bool)) or not math.isfinite(value):
+        if isinstance(value, (str, bool)):
             return MeasurementOutcome.ERROR
         inside = (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
         return MeasurementOutcome.PASS if inside else MeasurementOutcome.FAIL
@@ -63,3 +69,8 @@ class Measurement(FrozenModel):
     value: Value | None = None
     outcome: MeasurementOutcome = MeasurementOutcome.UNSET
     message: str = ""
+
+
+def _kind(value: Value) -> type:
+    """bool, str, or float for any number."""
+    return type(value) if isinstance(value, (bool, str)) else float

@@ -8,14 +8,15 @@ same hash, whatever the layout of their files.
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
-from typing import Literal
+from typing import Annotated, Literal
 
 import yaml
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from protocol.errors import Fault, PlanError
 from protocol.frozen_model import FrozenModel
 from protocol.measurements import MeasurementSpecification, Value
+from protocol.plan_yaml import load_plan_yaml
 
 ParameterValue = Value | tuple[float, ...] | tuple[str, ...]
 
@@ -42,11 +43,22 @@ class Parallel(FrozenModel):
     parallel: tuple[tuple[Step, ...], ...] = Field(min_length=2, max_length=8)
 
 
+def _kind_of_item(item: object) -> str:
+    """So that an error in a branch is told as that, not as everything that keeps it from being a step."""
+    parallel = "parallel" in item if isinstance(item, Mapping) else isinstance(item, Parallel)
+    return "Parallel" if parallel else "Step"
+
+
+Item = Annotated[
+    Annotated[Step, Tag("Step")] | Annotated[Parallel, Tag("Parallel")], Discriminator(_kind_of_item)
+]
+
+
 class Sequence(FrozenModel):
     """setup, main and teardown; teardown always runs, to its end, whatever happened before."""
 
     setup: tuple[Step, ...] = ()
-    main: tuple[Step | Parallel, ...] = Field(min_length=1)
+    main: tuple[Item, ...] = Field(min_length=1)
     teardown: tuple[Step, ...] = Field(min_length=1)
 
 
@@ -119,7 +131,7 @@ def parse_plan(text: str, *, where: str, known_steps: Mapping[str, frozenset[str
     if len(text) > MAX_PLAN_BYTES:
         raise _refused(f"The plan is larger than {MAX_PLAN_BYTES} bytes.", where)
     try:
-        document = yaml.safe_load(text)
+        document = load_plan_yaml(text)
     except yaml.YAMLError as error:
         raise _refused(f"The plan is not valid YAML: {' '.join(str(error).split())}.", where) from None
     if not isinstance(document, dict):

@@ -215,8 +215,10 @@ def test_every_damaged_chunk_is_named(tmp_path, small_chunks):
     assert (
         f"chunk 2 of {len(chunks)}, bytes {start} to {start + chunks[1].chunk_length}" in caught.value.where
     )
-    rows = chunks[0].uncompressed_size * 200 // sum(
-        chunk.uncompressed_size for chunk in chunks if chunk.message_index_offsets.keys() == {1}
+    rows = (
+        chunks[0].uncompressed_size
+        * 200
+        // sum(chunk.uncompressed_size for chunk in chunks if chunk.message_index_offsets.keys() == {1})
     )
     assert f"stream dut, rows {rows + 1} to {2 * rows}" in caught.value.where
     (other,) = caught.value.story
