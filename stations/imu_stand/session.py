@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibration.imu_session import Rotation, StaticPose
 from protocol.attempts import UnitIdentity
 from protocol.bench_description import Site
 from protocol.errors import Fault, LinkError
@@ -22,6 +21,9 @@ from protocol.units_of_measure import STANDARD_GRAVITY_M_S2
 from stations.imu_stand.alignment import ClockAlignment, align, turn_centroid_s
 from stations.imu_stand.capture import Capture
 from stations.imu_stand.truth import FloatArray, static_truth, turn_truth
+
+if TYPE_CHECKING:  # a station without a stand is up sooner without the evaluation's libraries
+    from calibration.imu_session import Rotation, StaticPose
 
 ALIGNMENT_WORDS = "centroids of the turns' rates on both streams, a line through them"
 _AXES = ("x", "y", "z")
@@ -75,16 +77,20 @@ class StandSession:
     response: Mapping[str, float]
     """Turn name → angle that the turned gyro saw, over the stand's."""
 
-    def poses(self) -> list[StaticPose]:
+    def poses(self) -> "list[StaticPose]":
         """As `calibrate_imu` takes them."""
+        from calibration.imu_session import StaticPose
+
         return [
             StaticPose(s.capture.name, s.gyro_rad_s, s.acc_m_s2, s.force_or_turn, s.earth, s.time_s)
             for s in self.segments
             if s.capture.kind == "static"
         ]
 
-    def rotations(self) -> list[Rotation]:
+    def rotations(self) -> "list[Rotation]":
         """As `calibrate_imu` takes them."""
+        from calibration.imu_session import Rotation
+
         return [
             Rotation(s.capture.name, s.time_s, s.gyro_rad_s, s.force_or_turn, s.earth)
             for s in self.segments

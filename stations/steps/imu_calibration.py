@@ -5,13 +5,10 @@ into the unit → a second look at what the unit makes of them.
 """
 
 from datetime import UTC, datetime
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from calibration.algorithms.coefficients import TriadCoefficients
-from calibration.imu_session import ImuCalibration, calibrate_imu, verify_imu
-from calibration.recorded import sensor_range
 from protocol.gnc_module import SampleStatus, Sensor
 from protocol.recordings import Recording
 from stations.imu_stand.capture import (
@@ -26,6 +23,10 @@ from stations.interruptions import StepError
 from stations.recording_store import keep_recording
 from stations.sequencing.context import StepContext
 from stations.sequencing.step_registry import step
+
+if TYPE_CHECKING:  # every station knows this step; the evaluation's libraries are loaded when it runs
+    from calibration.algorithms.coefficients import TriadCoefficients
+    from calibration.imu_session import ImuCalibration
 
 Kind = TypeVar("Kind")
 
@@ -114,6 +115,9 @@ def response(ctx: StepContext) -> None:
 @step("imu_coefficients", measurements=_COEFFICIENTS)
 def coefficients(ctx: StepContext) -> None:
     """Coefficients of both triads in y = M u + b, raw: what the manufacturing of the unit gave."""
+    from calibration.imu_session import calibrate_imu
+    from calibration.recorded import sensor_range
+
     session = _carried(ctx, _SESSION, StandSession)
     recording = _carried(ctx, _RECORDING, Recording)
     found = calibrate_imu(
@@ -136,6 +140,8 @@ def coefficients(ctx: StepContext) -> None:
 @step("imu_write_coefficients", measurements=("gyro_coefficients_read_back", "acc_coefficients_read_back"))
 def write_coefficients(ctx: StepContext) -> None:
     """Write u = K (y − b) into the unit's flash and read it back, bit by bit the same."""
+    from calibration.imu_session import ImuCalibration
+
     found = _carried(ctx, _CALIBRATION, ImuCalibration)
     for triad, sensor, fitted in zip(_TRIADS, Sensor, (found.gyro, found.acc), strict=True):
         ctx.unit.write_coefficients(sensor, fitted.compensation, fitted.bias)
@@ -159,6 +165,8 @@ def write_coefficients(ctx: StepContext) -> None:
 )
 def second_look(ctx: StepContext) -> None:
     """Record the unit's *compensated* output in new positions' captures and turns: what is left."""
+    from calibration.imu_session import verify_imu
+
     rate_hz = round(ctx.number("rate_hz"))
     poses = capture_poses(ctx, duration_s=ctx.number("duration_s"), rate_hz=rate_hz, compensated=True)
     spins = capture_turns(ctx, _profile(ctx), rate_hz=rate_hz, compensated=True)
@@ -169,7 +177,7 @@ def second_look(ctx: StepContext) -> None:
             ctx.measure(name, value)
 
 
-def _named(triad: str, fitted: TriadCoefficients) -> dict[str, float]:
+def _named(triad: str, fitted: "TriadCoefficients") -> dict[str, float]:
     scale, coupling = fitted.scale_factor_error(), fitted.cross_coupling()
     values = {f"{triad}_scale_factor_error_{axis}": float(scale[i]) for i, axis in enumerate(_AXES)}
     values |= {f"{triad}_bias_{axis}": float(fitted.bias[i]) for i, axis in enumerate(_AXES)}
@@ -179,7 +187,7 @@ def _named(triad: str, fitted: TriadCoefficients) -> dict[str, float]:
     return values
 
 
-def _uncertainty_words(found: ImuCalibration, session: StandSession) -> str:
+def _uncertainty_words(found: "ImuCalibration", session: StandSession) -> str:
     """Standard uncertainties of this very session, for the record."""
     parts = [
         f"{triad}: u(scale) {fitted.scale_factor_standard_uncertainty().max():.2g}, "
