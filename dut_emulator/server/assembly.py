@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import signal
+import sys
 import traceback
 from collections.abc import Callable
 from typing import Any
@@ -30,7 +31,23 @@ def run_bench(configuration: BenchServerConfiguration) -> None:
     Raises:
         TestloomError: a port is taken, or a directory cannot be used.
     """
+    _log_as_json(configuration.name)
     asyncio.run(_run(configuration))
+
+
+def _log_as_json(bench: str) -> None:
+    """One JSON object a line on standard error, as stations log."""
+    structlog.configure(
+        processors=[
+            structlog.contextvars.merge_contextvars,
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.JSONRenderer(ensure_ascii=False),
+        ],
+        wrapper_class=structlog.make_filtering_bound_logger("info"),
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
+    structlog.contextvars.bind_contextvars(bench=bench)
 
 
 async def _run(configuration: BenchServerConfiguration) -> None:
@@ -63,7 +80,7 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
     try:
         description = await _open_ports(configuration, bench, ports)
         _write_description(configuration, description)
-        log.info("bench is up", bench=configuration.name, control=description.control)
+        log.info("bench is up", control=description.control)
         await stop.wait()
     finally:
         _remove_description(configuration)

@@ -4,14 +4,11 @@ import hashlib
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
 
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
 
-BenchKind = Literal["socket_board", "three_axis_turntable"]
-SerialKind = Literal["socket", "pty"]
-
+SERIAL_KINDS = ("socket", "pty")
 OPERATIONS_OF_KIND: dict[str, tuple[str, ...]] = {
     "socket_board": ("functional",),
     "three_axis_turntable": ("imu_calibration",),
@@ -29,7 +26,7 @@ class BenchServerConfiguration:
 
     Attributes:
         name: of the bench, as stations know it.
-        kind: socket board, or stand.
+        kind: one of `OPERATIONS_OF_KIND`.
         sockets: how many; None for the kind's usual number.
         seed: of the lot (which units exist) and of the instruments' calibration states.
         units_dir: where units keep their flash; shared by the benches of a line, closed to stations.
@@ -42,13 +39,13 @@ class BenchServerConfiguration:
     """
 
     name: str
-    kind: BenchKind
+    kind: str
     units_dir: Path
     description: Path
     sockets: int | None = None
     seed: int = 1
     pace: float = 0.0
-    serial: SerialKind = "socket"
+    serial: str = "socket"
     latitude_deg: float = 39.96
     gravity_m_s2: float = 9.8013
     heading_deg: float = 0.0
@@ -57,7 +54,7 @@ class BenchServerConfiguration:
 
     def __post_init__(self) -> None:
         """Raises TestloomError for what cannot be a bench."""
-        kinds, links = get_args(BenchKind), get_args(SerialKind)
+        kinds = tuple(OPERATIONS_OF_KIND)
         last_port = self.port_base + FIXED_PORTS + PORTS_PER_SOCKET * self.socket_count
         plain = bool(self.name) and self.name.isprintable() and "/" not in self.name
         most = MAX_SOCKETS if self.kind == "socket_board" else 1
@@ -65,7 +62,7 @@ class BenchServerConfiguration:
         for option, given, good, expected in (
             ("name", self.name, plain, "a plain word"),
             ("kind", self.kind, self.kind in kinds, f"one of {', '.join(kinds)}"),
-            ("serial", self.serial, self.serial in links, f"one of {', '.join(links)}"),
+            ("serial", self.serial, self.serial in SERIAL_KINDS, f"one of {', '.join(SERIAL_KINDS)}"),
             ("sockets", self.socket_count, 1 <= self.socket_count <= most, f"1 to {most}"),
             ("seed", self.seed, 0 <= self.seed < 2**63, "a number from 0 to 2^63 - 1"),
             ("pace", self.pace, 0 <= self.pace <= MAX_PACE, f"0 (lock-step) to {MAX_PACE:g}"),

@@ -4,6 +4,7 @@ import os
 import time
 import tty
 import warnings
+from typing import Any
 
 import can
 import pytest
@@ -31,7 +32,7 @@ def test_pyvisa_speaks_to_the_instruments(start_bench) -> None:
 
         manager = pyvisa.ResourceManager("@py")
     bench = start_bench()
-    supply = manager.open_resource(
+    supply: Any = manager.open_resource(
         bench.description.power_supply, read_termination="\n", write_termination="\n", timeout=5000
     )
     try:
@@ -51,7 +52,8 @@ def test_a_can_echo_through_python_can(start_bench) -> None:
     link = participant.open(bench.description.sockets[0].unit_link)
     power_up(bench, participant)
     channel = bench.description.sockets[0].can_channel.split("?")[0].replace("lockstep", "socket")
-    with can.Bus(interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0) as bus:
+    adapter: Any = can.Bus(interface="slcan", channel=channel, bitrate=500_000, sleep_after_open=0.0)
+    with adapter as bus:
         assert bus.get_version(5.0) == (10, 13)
         participant.exchange(link, FrameType.SELF_TEST, SELF_TEST_LAYOUT.pack(SelfTest.CAN, 0))
         request = encode_can("GNC_TEST_REQUEST", {"pattern": 0xA5A5_0F0F, "counter": 3})
@@ -77,7 +79,7 @@ def test_a_running_clock_over_ptys_and_pyserial(start_bench) -> None:
     with serial.Serial(bench.description.sockets[0].unit_link, 921_600, timeout=PATIENCE_S) as port:
         port.write(encode_frame(FrameType.IDENTIFY, 1, b""))
         parser = FrameParser()
-        frames: list = []
+        frames: list[Any] = []
         while not frames:
             data = port.read(1)
             assert data, "no answer"
@@ -137,6 +139,7 @@ def test_a_raw_pty_passes_every_byte(start_bench) -> None:
         parser, frames = FrameParser(), []
         while not frames:
             frames = parser.feed(os.read(descriptor, 4096))
+        assert isinstance(frames[0], Frame)
         assert frames[0].payload[1:] == payload
     finally:
         os.close(descriptor)
