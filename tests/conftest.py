@@ -4,6 +4,11 @@ import os
 import socket
 
 import pytest
+from hypothesis import settings
+
+# how long an example takes says more about the machine's load than about the code
+settings.register_profile("testloom", deadline=None)
+settings.load_profile("testloom")
 
 
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
