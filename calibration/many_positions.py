@@ -92,7 +92,9 @@ def _poses(
             "each row is the mean of one pose"
         )
     segmentation = rests(recording, folder)
-    rows = _usable_rows(segmentation.segments, acc, acc_range_m_s2, not_used)
+    rows = _usable_rows(
+        segmentation.segments, recording.stream("dut").time_s(), acc, acc_range_m_s2, not_used
+    )
     inside = sum(segment.last - segment.first for segment in segmentation.segments)
     if inside < len(acc):
         not_used.append(
@@ -125,13 +127,19 @@ def _sentences(source: str, poses: int, between_m_s2: float, assumed: tuple[str,
 
 
 def _usable_rows(
-    segments: tuple[Segment, ...], acc: FloatArray, limit: float | None, not_used: list[NotUsed]
+    segments: tuple[Segment, ...],
+    time_s: FloatArray,
+    acc: FloatArray,
+    limit: float | None,
+    not_used: list[NotUsed],
 ) -> list[tuple[str, NDArray[np.intp]]]:
     """Rows of each rest that can be used. A rest may be a few samples long: its weight says so."""
     rows: list[tuple[str, NDArray[np.intp]]] = []
     for segment in segments:
-        samples = acc[segment.first : segment.last]
-        usable, left_out = screen_static(segment.name, samples, limit, min_samples=1)
+        inside = slice(segment.first, segment.last)
+        usable, left_out = screen_static(
+            segment.name, acc[inside], limit, min_samples=1, time_s=time_s[inside]
+        )
         not_used.extend(left_out)
         if len(usable):
             rows.append((segment.name, usable + segment.first))

@@ -16,7 +16,7 @@ from calibration.algorithms.noise_covariance import BLOCKS_PER_REST, Observation
 from calibration.algorithms.screening import NotUsed, screen_rotation, screen_static
 from protocol.errors import CalibrationError, Fault
 
-MAX_RUNS = 200
+MAX_RUNS = 48
 """Poses and rotations of one session; the noise covariance grows with their square."""
 MIN_OWN_PART = 0.99
 """Part of a run that must lie before the next one's start for their clocks to be one."""
@@ -84,14 +84,30 @@ class PlacedSession:
     rotations: tuple[tuple[Rotation, float, float], ...]
 
     def acc_runs(self) -> list[Run]:
+        """The accelerometer's captures."""
         return [
-            _static_run(acc_run_name(pose.name), start, period, pose.acc_m_s2, pose.specific_force_body_m_s2)
+            _static_run(
+                acc_run_name(pose.name),
+                start,
+                period,
+                pose.acc_m_s2,
+                pose.specific_force_body_m_s2,
+                pose.time_s,
+            )
             for pose, start, period in self.poses
         ]
 
     def gyro_runs(self) -> list[Run]:
+        """The gyro's captures: poses and turns."""
         runs = [
-            _static_run(gyro_run_name(pose.name), start, period, pose.gyro_rad_s, pose.earth_rate_body_rad_s)
+            _static_run(
+                gyro_run_name(pose.name),
+                start,
+                period,
+                pose.gyro_rad_s,
+                pose.earth_rate_body_rad_s,
+                pose.time_s,
+            )
             for pose, start, period in self.poses
         ]
         return runs + [_rotation_run(run, start, period) for run, start, period in self.rotations]
@@ -107,17 +123,28 @@ def gyro_run_name(name: str) -> str:
     return f"{name} (gyro)"
 
 
-def _static_run(name: str, start: float, period: float, samples: FloatArray, truth: FloatArray) -> Run:
-    values = _checked(name, samples, 2)
-    return Run(
-        name, start, period, values, _checked(name, truth, 1), BLOCKS_PER_REST,
-        lambda limit: screen_static(name, values, limit),
-    )  # fmt: skip
+def _static_run(
+    name: str,
+    start_s: float,
+    period_s: float,
+    samples: FloatArray,
+    truth: FloatArray,
+    time_s: FloatArray | None,
+) -> Run:
+    values, true_input = _checked(name, samples, 2), _checked(name, truth, 1)
+    if time_s is not None:
+        _check_lengths(name, time_s, values)
+
+    def screen(limit: float | None) -> tuple[NDArray[np.intp], tuple[NotUsed, ...]]:
+        return screen_static(name, values, limit, time_s=time_s)
+
+    return Run(name, start_s, period_s, values, true_input, BLOCKS_PER_REST, screen)
 
 
 def _rotation_run(run: Rotation, start: float, period: float) -> Run:
     name = gyro_run_name(run.name)
     values = _checked(name, run.gyro_rad_s, 2)
+    _check_lengths(name, run.time_s, values)
     turn = _checked(name, run.rotation_body_rad, 1) + _checked(name, run.earth_rotation_body_rad, 1)
 
     def screen(limit: float | None) -> tuple[NDArray[np.intp], tuple[NotUsed, ...]]:
@@ -219,3 +246,13 @@ def _checked(name: str, values: FloatArray, dimensions: int) -> FloatArray:
             remedy="hand over samples as (n, 3) and truth as three finite numbers.",
         )
     return array
+
+
+def _check_lengths(name: str, time_s: FloatArray, samples: FloatArray) -> None:
+    if len(time_s) != len(samples):
+        raise CalibrationError(
+            f"'{name}' has {len(samples)} samples and {len(time_s)} times.",
+            where=name,
+            fault=Fault.DATA,
+            remedy="hand over one time for each sample.",
+        )

@@ -11,7 +11,6 @@ Restricted likelihood: Patterson & Thompson, Biometrika 58 (1971) 545.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
 from calibration.algorithms.noise_covariance import NoiseHypothesis, Observations
@@ -146,21 +145,18 @@ class _Solution:
 
 
 def _solve(design: FloatArray, output: FloatArray, covariance: FloatArray) -> _Solution:
-    estimate = np.empty((4, 3))
-    parameter_covariance = np.empty((3, 4, 4))
-    log_likelihood = chi_square = 0.0
-    for axis in range(3):
-        factor = cho_factor(covariance[axis], lower=True)
-        weighted = cho_solve(factor, design)
-        normal = design.T @ weighted
-        parameter_covariance[axis] = np.linalg.inv(normal)
-        estimate[:, axis] = parameter_covariance[axis] @ (weighted.T @ output[:, axis])
-        residual = output[:, axis] - design @ estimate[:, axis]
-        axis_chi_square = float(residual @ cho_solve(factor, residual))
-        chi_square += axis_chi_square
-        log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum())
-        log_likelihood -= 0.5 * (axis_chi_square + log_determinant + float(np.linalg.slogdet(normal)[1]))
-    return _Solution(estimate, parameter_covariance, log_likelihood, chi_square)
+    """Generalised least squares of the three output axes at once; `covariance` (3, k, k)."""
+    factor = np.linalg.cholesky(covariance)
+    columns = np.concatenate([np.tile(design, (3, 1, 1)), output.T[:, :, None]], axis=2)  # (3, k, 5)
+    white = np.linalg.solve(factor, columns)
+    white_design, white_output = white[:, :, :4], white[:, :, 4:]
+    normal = white_design.transpose(0, 2, 1) @ white_design
+    parameter_covariance: FloatArray = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    estimate = parameter_covariance @ (white_design.transpose(0, 2, 1) @ white_output)  # (3, 4, 1)
+    chi_square = float(((white_output - white_design @ estimate) ** 2).sum())
+    log_determinant = 2.0 * float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
+    log_likelihood = -0.5 * (chi_square + log_determinant + float(np.linalg.slogdet(normal)[1].sum()))
+    return _Solution(estimate[:, :, 0].T, parameter_covariance, log_likelihood, chi_square)
 
 
 def _assemble(per_axis: FloatArray) -> FloatArray:

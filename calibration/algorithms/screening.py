@@ -39,7 +39,11 @@ def saturated(samples: FloatArray, range_limit: float | None) -> NDArray[np.bool
 
 
 def screen_static(
-    name: str, samples: FloatArray, range_limit: float | None, min_samples: int = MIN_STATIC_SAMPLES
+    name: str,
+    samples: FloatArray,
+    range_limit: float | None,
+    min_samples: int = MIN_STATIC_SAMPLES,
+    time_s: FloatArray | None = None,
 ) -> tuple[NDArray[np.intp], tuple[NotUsed, ...]]:
     """Rows of a rest that can be used (none if the rest cannot), and what was left out.
 
@@ -48,10 +52,13 @@ def screen_static(
         samples: shape (n, k), in the unit of `range_limit`.
         range_limit: magnitude at and above which a sample is saturated; None: not known.
         min_samples: fewer usable samples than this are too short a rest.
+        time_s: shape (n,); None: gaps cannot be seen and are not looked for.
     """
     missing = ~np.isfinite(samples).all(axis=1)
     clipped = saturated(samples, range_limit) & ~missing
     left_out: list[NotUsed] = []
+    if time_s is not None and (holes := _lost_in_gaps(time_s)):
+        left_out.append(NotUsed(name, holes, "never came: gaps in time"))
     if missing.any():
         left_out.append(NotUsed(name, int(missing.sum()), "missing values (NaN)"))
     if clipped.any():
@@ -66,6 +73,14 @@ def screen_static(
         left_out.append(NotUsed(name, len(usable), f"too short: fewer than {min_samples} samples"))
         return np.empty(0, dtype=np.intp), tuple(left_out)
     return usable, tuple(left_out)
+
+
+def _lost_in_gaps(time_s: FloatArray) -> int:
+    """Samples that a uniform record of the same span would have more."""
+    spacing = np.diff(time_s)
+    if len(spacing) == 0 or float(spacing.max()) <= MAX_PERIOD_RATIO * float(np.median(spacing)):
+        return 0
+    return round(float(time_s[-1] - time_s[0]) / float(np.median(spacing))) + 1 - len(time_s)
 
 
 def screen_rotation(

@@ -82,8 +82,17 @@ def test_what_is_spoilt_is_named_and_left_out(synthetic_imu) -> None:
     time_s[300:] += 0.1
     rotations[3] = replace(rotations[3], time_s=time_s)
     poses.append(
-        replace(poses[2], name="glimpse", acc_m_s2=poses[2].acc_m_s2[:9], gyro_rad_s=poses[2].gyro_rad_s[:9])
+        replace(
+            poses[2],
+            name="glimpse",
+            time_s=poses[2].time_s[:9] + 1000.0,
+            acc_m_s2=poses[2].acc_m_s2[:9],
+            gyro_rad_s=poses[2].gyro_rad_s[:9],
+        )
     )
+    time_s = poses[4].time_s.copy()
+    time_s[700:] += 0.5
+    poses[4] = replace(poses[4], time_s=time_s)
     found = calibrate_imu(poses, rotations, gyro_range_rad_s=6.98, acc_range_m_s2=490.0)
     said = {(item.what, item.count): item.why for item in found.not_used}
     assert said["x_up (accelerometer)", 3] == "missing values (NaN)"
@@ -92,6 +101,7 @@ def test_what_is_spoilt_is_named_and_left_out(synthetic_imu) -> None:
     assert "1 saturated samples" in said["x_plus (gyro)", 600]
     assert "1 gaps" in said["y_minus (gyro)", 600]
     assert "too short" in said["glimpse (gyro)", 9]
+    assert "gaps in time" in said["z_up (gyro)", 25]
     assert "x_plus (gyro)" not in found.gyro_residuals_rad_s
     # What is left still gives the truth: nothing spoilt was averaged in.
     assert np.abs(found.gyro.matrix - synthetic_imu.gyro_m).max() < 1e-4
@@ -124,8 +134,11 @@ def test_nothing_usable_and_nonsense_are_refused(synthetic_imu) -> None:
     unknown = replace(poses[0], specific_force_body_m_s2=np.array([np.nan, 0, 0]))
     with pytest.raises(CalibrationError, match="finite"):
         calibrate_imu([unknown, *poses[1:]], rotations)
+    short = replace(rotations[0], time_s=rotations[0].time_s[:-1])
+    with pytest.raises(CalibrationError, match="600 samples and 599 times"):
+        calibrate_imu(poses, [short, *rotations[1:]])
     with pytest.raises(CalibrationError, match="larger than"):
-        calibrate_imu(poses * 40, rotations)
+        calibrate_imu(poses * 8, rotations)
 
 
 def test_the_second_look_sees_the_identity_and_a_planted_error(synthetic_imu) -> None:
