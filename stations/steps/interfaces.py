@@ -16,13 +16,13 @@ from stations.drivers.can_link import CanLink
 from stations.interruptions import StepError
 from stations.sequencing.context import StepContext
 from stations.sequencing.step_registry import step
-from stations.steps.self_tests import unpacked
+from stations.steps.self_tests import self_test_watched, unpacked
 
 IO_LINES = 4
 ECHO_PAYLOAD_BYTES = 256
 CAN_REQUESTS = 10
-CAN_ANSWER_WITHIN_S = 0.015
-"""The DBC says 10 ms; the rest is the adapter's."""
+CAN_ANSWER_WITHIN_S = 0.05
+"""The DBC says 10 ms; the rest is the adapter's and the operating system's."""
 CAN_PATTERNS = (0x00000000, 0xFFFFFFFF, 0xAAAAAAAA, 0x55555555, 0x01234567, 0xFEDCBA98)
 HEARTBEAT_WITHIN_S = 0.25
 """Two and a half of its periods."""
@@ -97,24 +97,28 @@ def test_can(context: StepContext) -> None:
     can.discard()
     heartbeat = can.receive(context.clock.now_s() + HEARTBEAT_WITHIN_S, GNC_STATUS)
     context.measure("can_heartbeat", heartbeat is not None)
-    right: list[int] = []
+    right: list[bool] = []
 
     def exchange() -> None:
-        right[:] = [_echo_is_right(context, can, counter) for counter in range(CAN_REQUESTS)]
+        right.clear()
+        for counter in range(CAN_REQUESTS):
+            right.append(_echo_is_right(context, can, counter))
+            if not right[-1]:
+                break  # the test is armed for a short time only; one miss is a FAIL already
 
-    values = context.unit.self_test(SelfTest.CAN, while_running=exchange)
+    values = self_test_watched(context, SelfTest.CAN, 0, exchange)
     (echoed,) = unpacked(CAN_VALUES, values, "self-test CAN")
     context.measure("can_echoes_right", sum(right))
     context.measure("can_frames_echoed", echoed)
 
 
-def _echo_is_right(context: StepContext, can: CanLink, counter: int) -> int:
+def _echo_is_right(context: StepContext, can: CanLink, counter: int) -> bool:
     pattern = CAN_PATTERNS[counter % len(CAN_PATTERNS)]
     can.discard()
     can.send(GNC_TEST_REQUEST, {"pattern": pattern, "counter": counter})
     answer = can.receive(context.clock.now_s() + CAN_ANSWER_WITHIN_S, GNC_TEST_ECHO)
-    return int(
-        answer is not None
-        and answer.signals
-        == {"inverted_pattern": pattern ^ PATTERN_MASK, "counter": counter, "status": EchoStatus.OK}
-    )
+    return answer is not None and answer.signals == {
+        "inverted_pattern": pattern ^ PATTERN_MASK,
+        "counter": counter,
+        "status": EchoStatus.OK,
+    }
