@@ -74,11 +74,14 @@ class TurntableLimits:
 
 @dataclass(frozen=True)
 class EncoderErrors:
-    """Of the reading: resolution, and a wobble of once and twice a turn with phases by `seed`."""
+    """Of the reading: resolution, and a wobble of once and twice a turn with phases by `seed`.
+
+    The reading is right at zero angle, where the reference marks are.
+    """
 
     angle_quantum_rad: float = 0.1 * ARC_SECOND_RAD
     rate_quantum_rad_s: float = math.radians(1e-5)
-    wobble_rad: tuple[float, float] = (1.5 * ARC_SECOND_RAD, 0.5 * ARC_SECOND_RAD)
+    wobble_rad: tuple[float, float] = (0.5 * ARC_SECOND_RAD, 0.2 * ARC_SECOND_RAD)
     seed: int = 0
 
 
@@ -204,8 +207,9 @@ class ThreeAxisTurntableModel:
         errors = self._encoders
         wobble, slope = np.zeros_like(angles), np.zeros_like(angles)
         for harmonic, amplitude in enumerate(errors.wobble_rad, start=1):
-            phase = harmonic * angles + self._wobble_phase[harmonic - 1]
-            wobble += amplitude * np.sin(phase)
+            at_zero = self._wobble_phase[harmonic - 1]
+            phase = harmonic * angles + at_zero
+            wobble += amplitude * (np.sin(phase) - np.sin(at_zero))
             slope += amplitude * harmonic * np.cos(phase)
         read_angles = _rounded(angles + wobble, errors.angle_quantum_rad)
         read_rates = _rounded(rates * (1 + slope), errors.rate_quantum_rad_s)
