@@ -2,11 +2,13 @@
 
 import asyncio
 import contextlib
+import importlib
 import signal
 import sys
 import traceback
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakSet
 
 import structlog
 
@@ -78,6 +80,8 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
     bench = BenchServer(model, store, configuration.pace)
     ports = _Ports(configuration.port_base)
     try:
+        # the physics takes a second to import: meanwhile stations may connect
+        asyncio.get_running_loop().run_in_executor(None, importlib.import_module, "dut_emulator.gnc_module")
         description = await _open_ports(configuration, bench, ports)
         _write_description(configuration, description)
         log.info("bench is up", control=description.control)
@@ -112,6 +116,7 @@ class _Ports:
     def __init__(self, base: int) -> None:
         self._next = base
         self._servers: list[asyncio.Server] = []
+        self._protocols: WeakSet[LineProtocol | ControlConnection] = WeakSet()
 
     def next_port(self) -> int:
         """The next port to listen on; 0 for a free one."""
@@ -119,17 +124,25 @@ class _Ports:
         self._next += 1 if port else 0
         return port
 
-    async def serve(self, purpose: str, factory: Callable[[], asyncio.Protocol]) -> str:
+    async def serve(self, purpose: str, factory: Callable[[], LineProtocol | ControlConnection]) -> str:
         """Listen with a protocol; `host:port`."""
+
+        def accepted() -> asyncio.Protocol:
+            protocol = factory()
+            self._protocols.add(protocol)
+            return protocol
+
         listener = listening_socket(self.next_port(), purpose)
-        server = await asyncio.get_running_loop().create_server(factory, sock=listener)
+        server = await asyncio.get_running_loop().create_server(accepted, sock=listener)
         self._servers.append(server)
         return f"{HOST}:{listener.getsockname()[1]}"
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop listening, end all connections."""
         for server in self._servers:
             server.close()
+        for protocol in tuple(self._protocols):
+            protocol.disconnect()
 
 
 class _ScpiSession:

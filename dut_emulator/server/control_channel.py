@@ -51,6 +51,11 @@ class ControlConnection(asyncio.Protocol):
         self._lines.clear()
         self._bench.connection_lost(self)
 
+    def disconnect(self) -> None:
+        """The bench ends."""
+        if self._transport is not None:
+            self._transport.abort()
+
     def data_received(self, data: bytes) -> None:
         *lines, self._rest = (self._rest + data).split(b"\n")
         self._lines += lines

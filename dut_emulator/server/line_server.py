@@ -1,7 +1,6 @@
 """Instruments and stands on TCP, one command a line: the shell around their pure command interpreters."""
 
 import asyncio
-from collections.abc import Callable
 from typing import Protocol, cast
 
 MAX_BUFFERED_INPUT_BYTES = 65_536
@@ -32,6 +31,11 @@ class LineProtocol(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.Transport, transport)
 
+    def disconnect(self) -> None:
+        """The bench ends."""
+        if self._transport is not None:
+            self._transport.abort()
+
     def data_received(self, data: bytes) -> None:
         *lines, rest = (self._rest + data).split(b"\n")
         if self._skipping and lines:
@@ -60,6 +64,3 @@ class LineProtocol(asyncio.Protocol):
             return self._session.too_long()
         text = line.rstrip(b"\r").decode("latin-1").strip()
         return self._session.line(text) if text else None
-
-
-SessionFactory = Callable[[], LineSession]
