@@ -205,19 +205,18 @@ class FrameParser:
 
     def _take(self, data: bytes, at: int, size: int, found: list[Frame | FrameBlock]) -> int:
         """Accept the complete candidate at `at`, or a whole run beginning there; the bytes used up."""
+        if not _crc_is_right(data, at, size):
+            self._crc_errors += 1
+            self._drop(1)
+            return 1
         run = _run_length(data, at, size)
-        if run >= MIN_BLOCK_FRAMES:
+        if run:
             rows = np.frombuffer(data, np.uint8, run * size, at).reshape(run, size)
             payloads = np.ascontiguousarray(rows[:, HEADER_BYTES:-CRC_BYTES])
             found.append(FrameBlock(data[at + 2], rows[:, 3].copy(), payloads))
             self._accept(run)
             return run * size
-        end = at + size
-        if crc16(data[at + 2 : end - 2]) != data[end - 2] | data[end - 1] << 8:
-            self._crc_errors += 1
-            self._drop(1)
-            return 1
-        found.append(Frame(data[at + 2], data[at + 3], data[at + HEADER_BYTES : end - CRC_BYTES]))
+        found.append(Frame(data[at + 2], data[at + 3], data[at + HEADER_BYTES : at + size - CRC_BYTES]))
         self._accept(1)
         return size
 
@@ -240,15 +239,23 @@ def _frame_size(data: bytes, at: int) -> int | None:
     return HEADER_BYTES + length + CRC_BYTES if length <= MAX_PAYLOAD_BYTES else None
 
 
-def _run_length(data: bytes, at: int, size: int) -> int:
-    """How many good frames with the header (type, length) of the one at `at` follow each other.
+def _crc_is_right(data: bytes, at: int, size: int) -> bool:
+    end = at + size
+    return crc16(data[at + 2 : end - 2]) == data[end - 2] | data[end - 1] << 8
 
-    0 without a look at any CRC where the run is clearly too short for a block. Windows grow from
-    small to large, so that a short run in a long input costs little.
+
+def _run_length(data: bytes, at: int, size: int) -> int:
+    """How many good frames with the header (type, length) of the one at `at`, which is good, are in a row.
+
+    0 if they are too few for a block, which a look at the first ones tells: a window of numpy costs as
+    much as many single frames, and a line on which every other frame is damaged must not stall.
     """
     last = at + (MIN_BLOCK_FRAMES - 1) * size
-    if last + size > len(data) or not _same_header(data, at, at + size) or not _same_header(data, at, last):
+    if last + size > len(data) or not _same_header(data, at, last):
         return 0
+    for place in range(at + size, last + size, size):
+        if not _same_header(data, at, place) or not _crc_is_right(data, place, size):
+            return 0
     available = (len(data) - at) // size
     good, window = 0, _FIRST_WINDOW_FRAMES
     while good < available:

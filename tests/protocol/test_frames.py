@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from protocol.errors import LinkError
@@ -114,6 +114,9 @@ def test_equal_frames_are_single_frames_in_a_row():
     assert encode_equal_frames(9, 250, payloads) == one_by_one
 
 
+@example(encode_equal_frames(1, 0, np.zeros((MIN_BLOCK_FRAMES - 1, 3), np.uint8)), [])
+@example(encode_equal_frames(1, 0, np.zeros((MIN_BLOCK_FRAMES, 3), np.uint8)) + b"\xeb", [])
+@example(encode_equal_frames(1, 0, np.zeros((300, 3), np.uint8))[:-1] + b"x" + encode_frame(1, 0, b"abc"), [])
 @given(WIRE, st.lists(st.integers(0, 600), max_size=30))
 def test_any_bytes_in_any_pieces_give_what_a_naive_scan_finds(data, cuts):
     found, parser = parse(data, cuts)
