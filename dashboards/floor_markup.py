@@ -5,12 +5,12 @@ from urllib.parse import quote
 from dashboards.icons import icon
 from dashboards.intervals import CountedFraction
 from dashboards.markup import Html, div, element, join, span
+from dashboards.socket_states import SocketView
 from dashboards.view_models import (
     FloorView,
     OperationQueue,
     OrderView,
     QueueEntry,
-    SocketView,
     StationGroup,
     StationView,
     YieldRow,

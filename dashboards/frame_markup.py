@@ -85,7 +85,7 @@ def away_banner(snapshot: Snapshot, language: str) -> Html:
         "away-banner",
         icon("silent"),
         div("words", element("b", headline), f" {meaning} {again}"),
-        span("reason", snapshot.connection.reason),
+        span("reason", say(snapshot.connection.reason, language=language)),
         role="alert",
     )
 

@@ -15,7 +15,7 @@ from typing import Literal
 import structlog
 
 from dashboards.line_source import ConnectLine, LineSource
-from dashboards.view_models import LiveSocket, SocketAddress
+from dashboards.socket_states import LiveSocket, SocketAddress
 from protocol.adapters.zenoh_link import RequestRejectedError
 from protocol.errors import TestloomError
 from protocol.line_views import LineStatus, UnitHistory

@@ -1,18 +1,5 @@
 # pyright: strict
-"""From the coordinator's read models to what the floor page shows. Pure.
-
-What a socket shows, first match wins:
-
-    the station is refused                             → refused
-    the station is silent                              → silent
-    leased, live outcome FAIL of this unit             → failed      (bad news is shown at once)
-    leased, live outcome ERROR, ABORTED, TIMEOUT       → not_judged
-    leased, live outcome PASS of this unit             → recording   (a PASS counts once it is kept)
-    leased                                             → testing
-    not leased, a station says that it runs            → testing     (the poll is behind the live view)
-    not leased, the last outcome here                  → passed, failed, not_judged
-    not leased                                         → free
-"""
+"""From the coordinator's read models to what the floor page shows. Pure."""
 
 import re
 from collections import Counter
@@ -21,21 +8,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dashboards.intervals import CountedFraction, counted_fraction
+from dashboards.socket_states import LiveSocket, SocketAddress, SocketView, socket_view
 from protocol.line_views import (
     Alarm,
     LineStatus,
     OperationYield,
-    SocketStatus,
     StationStatus,
     UnitStatus,
     YieldReport,
 )
-from protocol.outcomes import Disposition, Outcome
-from protocol.station_messages import SocketProgress
+from protocol.outcomes import Disposition
 
-SocketState = Literal["free", "testing", "recording", "passed", "failed", "not_judged", "silent", "refused"]
 Density = Literal["huge", "large", "medium", "compact"]
-SocketAddress = tuple[str, str]
 
 MAX_QUEUE_ENTRIES_SHOWN = 8
 MAX_ALARMS_SHOWN = 6
@@ -43,8 +27,6 @@ MAX_FALLEN_UNITS_SHOWN = 12
 MAX_SOCKETS_HUGE = 12
 MAX_SOCKETS_LARGE = 24
 MAX_SOCKETS_MEDIUM = 48
-LIVE_VIEW_VALID_S = 5.0
-"""A running view of a socket that the coordinator calls free is believed for this long."""
 
 STILL_ON_LINE = (Disposition.IN_PROCESS, Disposition.RETEST)
 FALLEN = (Disposition.SCRAP, Disposition.QUARANTINE, Disposition.REWORK)
@@ -57,29 +39,6 @@ class Sentence:
     text: str
     template: str
     values: Mapping[str, str]
-
-
-@dataclass(frozen=True)
-class LiveSocket:
-    """The last view that a station published of a socket, and how long ago that was."""
-
-    progress: SocketProgress
-    age_s: float
-
-
-@dataclass(frozen=True)
-class SocketView:
-    """One socket as shown. `seconds`: under way, or since the outcome; None when not known."""
-
-    socket: str
-    state: SocketState
-    serial: str | None = None
-    operation: str | None = None
-    step: str | None = None
-    steps_done: int = 0
-    steps_total: int = 0
-    outcome: Outcome | None = None
-    seconds: float | None = None
 
 
 @dataclass(frozen=True)
@@ -246,61 +205,11 @@ def yield_view(report: YieldReport) -> YieldView:
     )
 
 
-def socket_view(
-    station_state: Literal["ready", "silent", "refused"],
-    socket: SocketStatus,
-    live: LiveSocket | None,
-    at_s: float,
-) -> SocketView:
-    """What one socket shows: the table at the top of this module."""
-    leased_for_s = None if socket.leased_since_s is None else max(0.0, at_s - socket.leased_since_s)
-    if station_state != "ready":
-        return SocketView(socket.socket, station_state, socket.serial, socket.operation, seconds=leased_for_s)
-    if socket.serial is not None:
-        if (
-            live is None
-            or live.progress.serial != socket.serial
-            or live.progress.operation != socket.operation
-        ):
-            return SocketView(socket.socket, "testing", socket.serial, socket.operation, seconds=leased_for_s)
-        outcome = live.progress.outcome
-        state = "testing" if outcome is None else _state_of(outcome)
-        return _from_live(socket.socket, "recording" if state == "passed" else state, live, leased_for_s)
-    if live is None or live.progress.serial is None:
-        return SocketView(socket.socket, "free")
-    if live.progress.outcome is not None:
-        return _from_live(socket.socket, _state_of(live.progress.outcome), live, live.age_s)
-    if live.age_s <= LIVE_VIEW_VALID_S:
-        return _from_live(socket.socket, "testing", live, None)
-    return SocketView(socket.socket, "free")
-
-
 def natural_key(name: str) -> tuple[tuple[bool, int, str], ...]:
     """Sorts 'fct-2' before 'fct-10'."""
     return tuple(
         (not part.isdecimal(), int(part) if part.isdecimal() else 0, part)
         for part in re.findall(r"[0-9]+|[^0-9]+", name)
-    )
-
-
-def _state_of(outcome: Outcome) -> SocketState:
-    if outcome is Outcome.PASS:
-        return "passed"
-    return "failed" if outcome is Outcome.FAIL else "not_judged"
-
-
-def _from_live(socket: str, state: SocketState, live: LiveSocket, seconds: float | None) -> SocketView:
-    progress = live.progress
-    return SocketView(
-        socket=socket,
-        state=state,
-        serial=progress.serial,
-        operation=progress.operation,
-        step=progress.step,
-        steps_done=progress.steps_done,
-        steps_total=progress.steps_total,
-        outcome=progress.outcome,
-        seconds=seconds,
     )
 
 

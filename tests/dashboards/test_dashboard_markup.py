@@ -16,9 +16,10 @@ from dashboards.floor_markup import alarm_panel, key_figures, queue_panel, stati
 from dashboards.frame_markup import header_bar, unknown_unit
 from dashboards.icons import ICON_NAMES
 from dashboards.markup import element
+from dashboards.socket_states import LiveSocket
 from dashboards.unit_markup import attempt_card
 from dashboards.unit_view import unit_view
-from dashboards.view_models import FloorView, LiveSocket, Sentence, floor_view
+from dashboards.view_models import FloorView, Sentence, floor_view
 from dashboards.words import SOCKET_STATE_WORDS, duration, operation_word, percent, sentence_words
 from protocol.line_views import Alarm
 from protocol.station_messages import SocketProgress

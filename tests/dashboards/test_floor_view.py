@@ -7,13 +7,11 @@ from imagined_line import CALIBRATION, FUNCTIONAL, NOW_S, large_line, operation_
 from scipy.stats import binomtest
 
 from dashboards.intervals import counted_fraction
+from dashboards.socket_states import LIVE_VIEW_VALID_S, LiveSocket, socket_view
 from dashboards.view_models import (
-    LIVE_VIEW_VALID_S,
     MAX_QUEUE_ENTRIES_SHOWN,
-    LiveSocket,
     floor_view,
     natural_key,
-    socket_view,
     yield_view,
 )
 from protocol.line_views import Alarm, LineStatus, SocketStatus, YieldReport
