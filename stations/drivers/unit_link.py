@@ -218,6 +218,9 @@ class GncModuleLink:
                 answer = self._await(frame_type, sequences, REPLY_TIMEOUT_S, _ANY_STATUS)
                 if answer is None:
                     continue
+                repeated = len(sequences) > 1
+                if repeated and frame_type is FrameType.START_STREAM and answer[0] is ReplyStatus.BUSY:
+                    return answer[1]  # the first reply was lost: the stream that it announced is running
                 if answer[0] is not ReplyStatus.DONE:
                     raise self._refused(frame_type.name, answer[0])
                 return answer[1]

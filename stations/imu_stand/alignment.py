@@ -20,7 +20,9 @@ RATE_THRESHOLD = 0.1
 """Share of the largest rate above which the stand or the unit counts as turning."""
 EDGE_S = 0.3
 """A capture of a turn begins and ends with at least so much rest."""
-WINDOW_MARGIN_S = 0.1
+WINDOW_SHARE = 0.58
+"""Half the window over which a turn is integrated, as a share of the time above the threshold: beyond
+the feet of a triangle's ramps (0.556), within the rests of a capture."""
 MIN_SEEN_ANGLE = 0.5
 """A gyro that saw less than this share of a turn (a dead axis) tells nothing of its time."""
 MIN_TURNS = 2
@@ -67,7 +69,7 @@ def turn_centroid_s(time_s: FloatArray, rate_rad_s: FloatArray) -> tuple[float, 
     turning = np.flatnonzero(magnitude > RATE_THRESHOLD * magnitude.max())
     first, last = time_s[turning[0]], time_s[turning[-1]]
     middle = (first + last) / 2
-    inside = np.abs(time_s - middle) <= (last - first) / 2 + WINDOW_MARGIN_S
+    inside = np.abs(time_s - middle) <= WINDOW_SHARE * (last - first)
     rest = rate_rad_s[~inside].mean() if not inside.all() else 0.0
     rate, time = rate_rad_s[inside] - rest, time_s[inside]
     angle = float(rate.sum() * (time[-1] - time[0]) / (len(time) - 1))

@@ -58,7 +58,7 @@ class Capture:
         """Outputs in nominal scaling, (n, 3)."""
         return self.dut["gyro"] * np.deg2rad(GYRO_LSB_DEG_S)
 
-    def saturated(self, bit: SampleStatus) -> int:
+    def flagged(self, bit: SampleStatus) -> int:
         """Samples with this bit of the status set."""
         return int(np.count_nonzero(self.dut["status"] & np.uint16(bit)))
 
@@ -151,6 +151,7 @@ def _complete(
         dut = ctx.unit.stop_stream()
         capture = Capture(name, kind, dut, stand.stop_stream(), started_s, rate_hz, axis)
         _check_stand(capture, turn, elapsed_s)
+        _check_mode(capture, compensated)
         lost = lost_samples(dut, elapsed_s, rate_hz)
         if lost == 0:
             return capture
@@ -179,6 +180,18 @@ def lost_samples(dut: NDArray[np.void], elapsed_s: float, rate_hz: int) -> int:
     gaps = int((steps[steps > 1] - 1).sum() + np.count_nonzero(steps < 1)) + int(dut["counter"][0])
     expected = int(elapsed_s * rate_hz * (1 - COUNT_TOLERANCE)) - TAIL_SAMPLES
     return gaps + max(0, expected - len(dut) - gaps)
+
+
+def _check_mode(capture: Capture, compensated: bool) -> None:
+    flagged = capture.flagged(SampleStatus.COMPENSATED)
+    if flagged != (len(capture.dut) if compensated else 0):
+        raise LinkError(
+            f"{flagged} of {len(capture.dut)} samples of '{capture.name}' are marked as compensated, where "
+            f"{'all' if compensated else 'none'} should be.",
+            where=f"RS-422 stream, capture {capture.name}",
+            fault=Fault.UNIT,
+            remedy="check the unit's firmware version.",
+        )
 
 
 def _check_stand(capture: Capture, turn: tuple[TurnProfile, int] | None, elapsed_s: float) -> None:

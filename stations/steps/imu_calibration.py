@@ -109,7 +109,7 @@ def response(ctx: StepContext) -> None:
         ctx.measure(f"gyro_response_{axis}", float(gyro))
         ctx.measure(f"acc_response_{axis}", float(difference / (2 * ctx.site.gravity_m_s2)))
     for triad, bit in zip(_TRIADS, (SampleStatus.GYRO_SATURATED, SampleStatus.ACC_SATURATED), strict=True):
-        ctx.measure(f"{triad}_saturated_samples", sum(capture.saturated(bit) for capture in captures))
+        ctx.measure(f"{triad}_saturated_samples", sum(capture.flagged(bit) for capture in captures))
 
 
 @step("imu_coefficients", measurements=_COEFFICIENTS)

@@ -32,11 +32,12 @@ class Turntable:
     stop: Callable[[], None]
     fence: int = 0
     runners: list[SequenceRunner] = field(default_factory=list)
+    arbitration: Arbitration | None = None
 
     def run(self, plan: Plan, serial: str) -> SequenceResult:
         if not self.runners:
-            arbitration = Arbitration(self.description)
-            self.runners.append(SequenceRunner(self.description, "1", arbitration, self.recordings))
+            self.arbitration = Arbitration(self.description)
+            self.runners.append(SequenceRunner(self.description, "1", self.arbitration, self.recordings))
         self.fence += 1
         lease = Lease(
             fence=self.fence,
@@ -88,4 +89,6 @@ def turntable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Turntable]:
     yield bench
     for runner in bench.runners:
         runner.close()
+    if bench.arbitration is not None:
+        bench.arbitration.close()
     bench.stop()
