@@ -78,7 +78,7 @@ def parse_document(text: str, where: str, findings: Findings) -> RecordingDocume
         findings.add(f"This is not JSON: {error}.", where, "correct or restore the file.")
         return None
     if not isinstance(loaded, dict):
-        findings.add("This is not a JSON object.", where, "see the folder form's description.")
+        findings.add("This is not a JSON object.", where, "see docs/recordings.md.")
         return None
     document = cast(dict[str, Any], loaded)
     if document.get("format") != FORMAT:
