@@ -47,7 +47,7 @@ class SlowNoise:
 
     Attributes:
         standard_deviation: SI of the sensor (rad/s or m/s^2).
-        correlation_time_s: of the exponential correlation.
+        correlation_time_s: of the exponential correlation; infinite: constant over a power-on.
     """
 
     standard_deviation: float
@@ -108,8 +108,8 @@ def calibrate_imu(
     *,
     gyro_range_rad_s: float | None = None,
     acc_range_m_s2: float | None = None,
-    gyro_slow_noise: SlowNoise | None = None,
-    acc_slow_noise: SlowNoise | None = None,
+    gyro_slow_noise: SlowNoise | tuple[SlowNoise, ...] | None = None,
+    acc_slow_noise: SlowNoise | tuple[SlowNoise, ...] | None = None,
 ) -> ImuCalibration:
     """Coefficients of both triads from a session on a stand.
 
@@ -120,7 +120,10 @@ def calibrate_imu(
             and the scale factor be told apart without a static pose.
         gyro_range_rad_s, acc_range_m_s2: the sensor's range; samples there are saturated. None:
             saturation cannot be seen and is not looked for.
-        gyro_slow_noise, acc_slow_noise: bias instability known beforehand; None: from the data.
+        gyro_slow_noise, acc_slow_noise: bias instability known beforehand, one term or a few; None:
+            from the data, which tell a wander over the session but not one that is slower. A term
+            with infinite correlation time is the turn-on repeatability: with it the bias stands for
+            the unit, without it for this power-on.
 
     Raises:
         CalibrationError: the geometry cannot carry the coefficients (the missing excitation is
@@ -190,7 +193,9 @@ def verify_imu(
     )
 
 
-def _fit(quantity: Quantity, observations: Observations, known: SlowNoise | None) -> LinearFit:
+def _fit(
+    quantity: Quantity, observations: Observations, known: SlowNoise | tuple[SlowNoise, ...] | None
+) -> LinearFit:
     where = {"angular_rate": "gyro of the session", "acceleration": "accelerometer of the session"}[quantity]
     if not observations.run_names:
         raise CalibrationError(
@@ -199,7 +204,8 @@ def _fit(quantity: Quantity, observations: Observations, known: SlowNoise | None
             fault=Fault.DATA,
             remedy="look at what was not used and why, and record the session again.",
         )
-    slow = None if known is None else (known.standard_deviation, known.correlation_time_s)
+    terms = (known,) if isinstance(known, SlowNoise) else known or ()
+    slow = tuple((term.standard_deviation, term.correlation_time_s) for term in terms)
     return fit_linear_triad(quantity, observations, noise_hypotheses(observations, slow, True), where)
 
 

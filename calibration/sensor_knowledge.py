@@ -1,5 +1,6 @@
 """What a recording says of its sensors beforehand: range, bias instability, names of channels."""
 
+import math
 from collections.abc import Mapping
 
 from calibration.imu_session import SlowNoise
@@ -25,7 +26,10 @@ def slow_noise(recording: Recording, kind: str) -> SlowNoise | None:
     stated = described.get("bias_instability") if isinstance(described, Mapping) else None
     if not isinstance(stated, Mapping) or not isinstance(stated.get("correlation_time_s"), int | float):
         return None
-    level = float(stated["value"]) * factor_to_si(str(stated["unit"]))
+    spread = stated.get("unit_spread", 0.0)
+    # The level is log-normal over units: its root mean square is the median times exp(spread^2).
+    rms = math.exp(float(spread) ** 2) if isinstance(spread, int | float) else 1.0
+    level = float(stated["value"]) * rms * factor_to_si(str(stated["unit"]))
     return SlowNoise(level, float(stated["correlation_time_s"]))
 
 

@@ -106,7 +106,7 @@ def calibrate_ferraris(
     gyro = fit_linear_triad(
         "angular_rate",
         gyro_observations,
-        noise_hypotheses(gyro_observations, None, True),
+        noise_hypotheses(gyro_observations, (), True),
         "gyro of the Ferraris session",
     )
     return FerrarisCalibration(
@@ -135,7 +135,7 @@ def _fit_acc(observations: Observations, gravity_m_s2: float) -> tuple[LinearFit
     hypotheses: list[NoiseHypothesis] = []
     for alignment in ALIGNMENTS_RAD:
         tilted = replace(observations, reference_covariance=(gravity_m_s2 * alignment) ** 2 * across)
-        (white,) = noise_hypotheses(tilted, None, False)
+        (white,) = noise_hypotheses(tilted, (), False)
         words = f"poses aligned to {math.degrees(alignment):.2g} deg"
         hypotheses.append(NoiseHypothesis(white.covariance, 1.0 / len(ALIGNMENTS_RAD), words))
     fit = fit_linear_triad(

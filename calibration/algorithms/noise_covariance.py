@@ -78,7 +78,8 @@ def gauss_markov_covariance(middle_s: FloatArray, duration_s: FloatArray, correl
     """Covariance (k, k) of means of a unit-variance Gauss-Markov process over stretches of time.
 
     For two stretches apart, exp(-|t1 - t2| / tau) shc(D1) shc(D2) with shc(D) = sinh(D / 2 tau) /
-    (D / 2 tau); within one, 2 (tau/D)(1 - (tau/D)(1 - exp(-D/tau))).
+    (D / 2 tau); within one, 2 (tau/D)(1 - (tau/D)(1 - exp(-D/tau))). An infinite correlation time is
+    a constant: ones.
     """
     half = duration_s / (2.0 * correlation_s)
     # For stretches far longer than tau the product below would be inf * 0: take them as points.
@@ -94,14 +95,15 @@ def gauss_markov_covariance(middle_s: FloatArray, duration_s: FloatArray, correl
 
 
 def noise_hypotheses(
-    observations: Observations, known_slow: tuple[float, float] | None, unknown_slow: bool
+    observations: Observations, known_slow: tuple[tuple[float, float], ...], unknown_slow: bool
 ) -> tuple[NoiseHypothesis, ...]:
     """The noise covariances to weigh, with prior weights that add up to 1.
 
     Args:
         observations: the data.
-        known_slow: standard deviation (SI) and correlation time (s) of the bias instability, when
-            they are known beforehand; then there is one hypothesis.
+        known_slow: standard deviation (SI) and correlation time (s) of each Gauss-Markov term that
+            is known beforehand; with any there is one hypothesis. An infinite correlation time is
+            what differs from one power-on to the next.
         unknown_slow: with nothing known: half the prior goes to white noise alone, half is spread
             evenly (log-uniform) over levels and correlation times. False: white noise alone.
     """
@@ -109,13 +111,17 @@ def noise_hypotheses(
     white = density[:, None, None] * np.diag(1.0 / observations.duration_s)
     reference = _reference_part(observations)
     base = white + reference
-    if known_slow is not None:
-        level, correlation_s = known_slow
-        slow = level**2 * gauss_markov_covariance(
-            observations.middle_s, observations.duration_s, correlation_s
+    if known_slow:
+        slow = sum(
+            (
+                level**2
+                * gauss_markov_covariance(observations.middle_s, observations.duration_s, correlation_s)
+                for level, correlation_s in known_slow
+            ),
+            start=np.zeros(base.shape[1:]),
         )
-        words = f"bias instability {level:.2g} with correlation time {correlation_s:.3g} s, as stated"
-        return (NoiseHypothesis(base + slow, 1.0, words),)
+        terms = " and ".join(f"{level:.2g} with {correlation_s:.3g} s" for level, correlation_s in known_slow)
+        return (NoiseHypothesis(base + slow, 1.0, f"bias instability {terms}, as stated"),)
     if not unknown_slow:
         return (NoiseHypothesis(base, 1.0, "white noise"),)
     span_s = float(np.ptp(observations.middle_s)) or float(observations.duration_s.max())

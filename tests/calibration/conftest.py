@@ -125,6 +125,8 @@ def gauss_markov(
     rng: np.random.Generator, count: int, level: float, correlation_s: float
 ) -> NDArray[np.float64]:
     """(count, 3) samples, COARSE_S apart, of a stationary first-order process, step by step."""
+    if level == 0.0:
+        return np.zeros((count, 3))
     phi = np.exp(-COARSE_S / correlation_s)
     state = rng.normal(size=3) * level
     samples = np.empty((count, 3))

@@ -1,10 +1,12 @@
 """The session on a stand: round trips with an independent generator, and honest uncertainties."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from calibration.algorithms.noise_covariance import gauss_markov_covariance
 from calibration.imu_session import SlowNoise, calibrate_imu, verify_imu
 from protocol.errors import CalibrationError
 
@@ -42,6 +44,28 @@ def test_stated_slow_noise_is_covered_in_every_coefficient(synthetic_imu, pulls)
     for kind in (np.array(gyro), np.array(acc)):
         assert 0.8 < (kind[:, :9] ** 2).mean() < 1.25
         assert 0.7 < (kind[:, 9:] ** 2).mean() < 1.4  # 3 biases a session: a wider band for the same chance
+
+
+def test_turn_on_repeatability_goes_to_the_bias_and_nowhere_else(synthetic_imu) -> None:
+    session = synthetic_imu.session(9)
+    wander = SlowNoise(2e-5, 300.0)
+    without = calibrate_imu(*session, gyro_slow_noise=wander).gyro
+    with_it = calibrate_imu(*session, gyro_slow_noise=(wander, SlowNoise(1.5e-5, math.inf))).gyro
+    np.testing.assert_allclose(with_it.matrix, without.matrix, atol=1e-12)
+    np.testing.assert_allclose(with_it.covariance[:9, :9], without.covariance[:9, :9], rtol=1e-6, atol=1e-18)
+    added = with_it.bias_standard_uncertainty() ** 2 - without.bias_standard_uncertainty() ** 2
+    np.testing.assert_allclose(added, 1.5e-5**2, rtol=1e-6)
+
+
+def test_covariance_of_gauss_markov_means_is_that_of_the_process_itself() -> None:
+    """Closed form against the double sum over a finely sampled exponential covariance."""
+    middle_s, duration_s, correlation_s = np.array([5.0, 40.0, 43.5]), np.array([10.0, 4.0, 3.0]), 12.0
+    points = [m + d * ((np.arange(400) + 0.5) / 400 - 0.5) for m, d in zip(middle_s, duration_s, strict=True)]
+    expected = [
+        [np.exp(-np.abs(a[:, None] - b[None, :]) / correlation_s).mean() for b in points] for a in points
+    ]
+    found = gauss_markov_covariance(middle_s, duration_s, correlation_s)
+    np.testing.assert_allclose(found, expected, rtol=2e-5)
 
 
 def test_slow_noise_that_nobody_stated_is_seen_in_the_data(synthetic_imu, pulls) -> None:
