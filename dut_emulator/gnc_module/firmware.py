@@ -7,23 +7,25 @@ firmware counts in its crystal's time: every duration it keeps is true time × (
 
 A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set)
 is not answered and counted; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
+
+Out of scope: GNC_RATE and GNC_SPECIFIC_FORCE on CAN (the stream on RS-422 carries the same), and the time
+that bytes take on the line.
 """
 
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import count
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dut_emulator.gnc_module import self_tests
-from dut_emulator.gnc_module.flash import Coefficients, Flash
-from dut_emulator.gnc_module.inertial_sensors import InertialSensors, SensorSamples
+from dut_emulator.gnc_module.flash import Coefficients
+from dut_emulator.gnc_module.hardware import Hardware
+from dut_emulator.gnc_module.heartbeat import status_frame
+from dut_emulator.gnc_module.inertial_sensors import SensorSamples
 from dut_emulator.gnc_module.stream import MAX_SAMPLES_PER_OUTPUT, SampleStream
-from dut_emulator.interfaces import Environment, LinkOutput, Surroundings
-from dut_emulator.unit_truth import UnitTruth
+from dut_emulator.interfaces import LinkOutput
 from protocol import gnc_module as product
 from protocol.can_database import (
     GNC_STATUS,
@@ -51,35 +53,7 @@ SILENCE_S = 20e-3
 """After this the parser gives up an incomplete frame."""
 FIRMWARE_VERSION, HARDWARE_REVISION = "1.4.2", "C"
 
-_ERROR_FLAGS = ("imu", "gnss", "memory", "flash", "timer", "adc", "io", "link")
 _MEMORY_TESTS = (SelfTest.INTERNAL_RAM, SelfTest.SDRAM, SelfTest.SPI_FLASH, SelfTest.INTERNAL_FLASH)
-
-
-@dataclass
-class Hardware:
-    """What the firmware runs on, from power-on to power-off. `routed_v`: AD channel → its input voltage."""
-
-    truth: UnitTruth
-    surroundings: Surroundings
-    sensors: InertialSensors
-    rng: np.random.Generator
-    power_on_s: float
-    flash: Flash
-    supply_v: float
-    routed_v: dict[int, float]
-
-    @property
-    def second_s(self) -> float:
-        """True duration of a second by the unit's crystal."""
-        return 1.0 / (1.0 + self.truth.crystal_error)
-
-    def unit_time_us(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) the unit's clock since power-on."""
-        return np.rint((times_s - self.power_on_s) / self.second_s * 1e6)
-
-    def acting_at(self, time_s: float) -> Environment:
-        """What acts at one moment, n = 1."""
-        return self.surroundings.environment(np.array([time_s]))
 
 
 @dataclass(frozen=True)
@@ -93,7 +67,10 @@ class RunningTest:
 
 
 class Firmware:
-    """What runs on the processor from one boot to the next. `booted_s`: when it will be READY."""
+    """What runs on the processor from one boot to the next.
+
+    `on_booted` is called when it begins to listen, `on_reset` (with the time) when it has ended itself.
+    """
 
     def __init__(
         self,
@@ -279,7 +256,7 @@ class Firmware:
         if number not in tuple(SelfTest):
             return self._answer(frame, ReplyStatus.UNKNOWN, now_s, echoed)
         test = SelfTest(number)
-        if not _is_valid_argument(test, argument):
+        if not self_tests.is_valid_argument(test, argument):
             return self._answer(frame, ReplyStatus.INVALID, now_s, echoed)
         resource = product.RESOURCE_OF_TEST[test]
         if resource in self._running or (test is SelfTest.IMU and self._imu_is_busy()):
@@ -345,7 +322,7 @@ class Firmware:
             self._temperature_c = self._read_temperature_c(now_s)
         flags = frozenset(self._error_flags | ({"link"} if self._parser.statistics.crc_errors else set()))
         supply_v = round(self.hardware.supply_v, 3)
-        identifier, data = _status_frame(self._unit_state(), flags, supply_v, self._temperature_c)
+        identifier, data = status_frame(self._unit_state(), flags, supply_v, self._temperature_c)
         data = data[:1] + bytes((self._heartbeat_counter,)) + data[2:]
         self._heartbeat_counter = (self._heartbeat_counter + 1) % 256
         self._send_can(CanFrame(identifier, data), now_s)
@@ -396,31 +373,3 @@ class Firmware:
         if output.link == "rs422" and self.hardware.truth.digital.rs422_silent:
             return
         heapq.heappush(self._outbox, (output.time_s, next(self._order), output))
-
-
-def _is_valid_argument(test: SelfTest, argument: int) -> bool:
-    """TIMER and IO take an argument; of the others it is ignored."""
-    if test is SelfTest.TIMER:
-        return argument in product.TIMER_PERIODS_US
-    if test is SelfTest.IO:
-        output_line, input_line = argument & 0xFF, argument >> 8
-        return output_line < self_tests.IO_LINES > input_line and output_line != input_line
-    return True
-
-
-@lru_cache(maxsize=1024)
-def _status_frame(
-    state: UnitState, errors: frozenset[str], supply_v: float, temperature_c: float
-) -> CanFrame:
-    """A heartbeat with counter 0; cached, because ten a second are sent and few differ."""
-    signals = {f"{flag}_error": int(flag in errors) for flag in _ERROR_FLAGS}
-    return encode_can(
-        GNC_STATUS,
-        {
-            "state": int(state),
-            "heartbeat_counter": 0,
-            **signals,
-            "supply_voltage": supply_v,
-            "temperature": temperature_c,
-        },
-    )

@@ -25,6 +25,7 @@ from protocol.gnc_module import (
     MAG_SENSITIVITY_V_PER_GAUSS,
     MEMORY_VALUES,
     TEMPERATURE_LSB_C,
+    TIMER_PERIODS_US,
     TIMER_VALUES,
     SelfTest,
 )
@@ -139,3 +140,13 @@ def error_flags(test: SelfTest, values: bytes) -> set[str]:
             return {"io"} if IO_VALUES.unpack(values)[1] else set()
         case _:
             return set()
+
+
+def is_valid_argument(test: SelfTest, argument: int) -> bool:
+    """TIMER and IO take an argument; of the others it is ignored."""
+    if test is SelfTest.TIMER:
+        return argument in TIMER_PERIODS_US
+    if test is SelfTest.IO:
+        output_line, input_line = argument & 0xFF, argument >> 8
+        return output_line < IO_LINES > input_line and output_line != input_line
+    return True

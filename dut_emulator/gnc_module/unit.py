@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from dut_emulator.gnc_module import electrical
-from dut_emulator.gnc_module.firmware import Firmware, Hardware
+from dut_emulator.gnc_module.firmware import Firmware
 from dut_emulator.gnc_module.flash import Flash
+from dut_emulator.gnc_module.hardware import Hardware
 from dut_emulator.gnc_module.inertial_sensors import InertialSensors
 from dut_emulator.gnc_module.power import PowerEvent, PowerState, next_state
 from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
