@@ -1,0 +1,121 @@
+"""The emulator's speed: the usual effects beside a plain numpy reference, and a stream on the wire.
+
+The reference does what anybody would write down: SFC64, `lfilter` Gauss–Markov, a 3×3 matrix, a constant
+bias and white noise, whole arrays, twice (gyros and accelerometers).
+"""
+
+import struct
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.signal import lfilter
+
+from dut_emulator.effects.effect import EffectChain, Stimulus
+from dut_emulator.gnc_module import make_unit
+from dut_emulator.gnc_module.inertial_sensors import (
+    ACC_LSB_M_S2,
+    ACC_RANGE_COUNTS,
+    GYRO_LSB_RAD_S,
+    GYRO_RANGE_COUNTS,
+    triad_effects,
+)
+from dut_emulator.kinematics import LevelBoard
+from dut_emulator.population import draw_unit
+from protocol.bench_description import Site
+from protocol.frames import encode_frame
+from protocol.gnc_module import START_STREAM_LAYOUT, FrameType
+
+SAMPLES = 1_200_000
+RATE_HZ = 1000.0
+CHUNK = 16_384
+ROUNDS = 3
+STREAM_HOURS = 1
+RATIO_GOAL = 2.0
+SAMPLES_PER_S_GOAL = 1e6
+STREAM_S_GOAL = 2.0
+
+
+def run() -> list[dict[str, Any]]:
+    """The figures."""
+    emulator_s, reference_s = _fastest(_emulator), _fastest(_reference)
+    stream_s = _fastest(_stream, rounds=1)
+    ratio = emulator_s / reference_s
+    rate = SAMPLES / emulator_s
+    return [
+        {
+            "figure": "usual effects, six-axis samples",
+            "value": rate,
+            "unit": "1/s",
+            "goal": SAMPLES_PER_S_GOAL,
+            "met": rate >= SAMPLES_PER_S_GOAL,
+            "compared_with": f"plain numpy {SAMPLES / reference_s:,.0f}/s",
+        },
+        {
+            "figure": "usual effects, CPU time over plain numpy's",
+            "value": ratio,
+            "unit": "1",
+            "goal": f"at most {RATIO_GOAL:g}",
+            "met": ratio <= RATIO_GOAL,
+            "compared_with": f"plain numpy {reference_s:.2f} s",
+        },
+        {
+            "figure": "one hour of a unit's 200 Hz stream, as frames",
+            "value": stream_s,
+            "unit": "s",
+            "goal": f"at most {STREAM_S_GOAL:g}",
+            "met": stream_s <= STREAM_S_GOAL,
+            "compared_with": "",
+        },
+    ]
+
+
+def _fastest(task: Callable[[], None], rounds: int = ROUNDS) -> float:
+    """Least CPU time of some rounds."""
+    durations = []
+    for _ in range(rounds):
+        began = time.process_time()
+        task()
+        durations.append(time.process_time() - began)
+    return min(durations)
+
+
+def _emulator() -> None:
+    truth = draw_unit(1, "BENCH-1")
+    rng = np.random.Generator(np.random.SFC64(1))
+    chains = [
+        EffectChain(
+            triad_effects("gyro", truth.gyro, rng, GYRO_RANGE_COUNTS * GYRO_LSB_RAD_S, GYRO_LSB_RAD_S)
+        ),
+        EffectChain(triad_effects("acc", truth.acc, rng, ACC_RANGE_COUNTS * ACC_LSB_M_S2, ACC_LSB_M_S2)),
+    ]
+    memories = [chain.begin(np.random.SeedSequence(number)) for number, chain in enumerate(chains)]
+    for begin in range(0, SAMPLES, CHUNK):
+        count = min(CHUNK, SAMPLES - begin)
+        instants = (begin + np.arange(count)) / RATE_HZ
+        stimulus = Stimulus(instants, np.full(count, 25.0), 1 / RATE_HZ)
+        for chain, memory in zip(chains, memories, strict=True):
+            chain.apply(np.ones((count, 3)), stimulus, memory)
+
+
+def _reference() -> None:
+    rng = np.random.Generator(np.random.SFC64(1))
+    matrix, bias = np.eye(3) + 0.01, np.array([0.1, 0.2, 0.3])
+    phi = np.exp(-1 / RATE_HZ / 300.0)
+    for _ in range(2):
+        samples = np.ones((SAMPLES, 3)) @ matrix.T + bias
+        samples += 1e-3 * rng.standard_normal(samples.shape)
+        drive = 1e-4 * np.sqrt(1 - phi**2) * rng.standard_normal(samples.shape)
+        samples += lfilter([1.0], [1.0, -phi], drive, axis=0)
+
+
+def _stream() -> None:
+    unit = make_unit(1, "BENCH-1")
+    unit.insert(LevelBoard(Site(latitude_deg=34.2, gravity_m_s2=9.797)), 0.0)
+    unit.set_supply(5.0, 0.0)
+    unit.advance(2.0)
+    start = START_STREAM_LAYOUT.pack(200, 0)
+    unit.receive("rs422", encode_frame(FrameType.START_STREAM, 1, start), 2.0)
+    received = sum(len(output.data) for output in unit.advance(2.0 + 3600.0 * STREAM_HOURS))
+    assert received > 3600 * STREAM_HOURS * 200 * struct.calcsize("<I")
