@@ -7,7 +7,8 @@ wall clock. A connection that closes leaves the clock.
 
 Bytes travel on other connections than time does. So a `wait` says how many bytes the station has
 written on each link, and the bench reads up to there before time moves; and its reply says how many
-bytes each link has been handed, and the station reads up to there before it goes on.
+bytes each link has been handed, and the station reads up to there before it goes on. Counts begin at 0 when
+a link is opened.
 
 On hardware there is no control channel: the clock is the wall clock, and a person or a handler loads
 the unit.

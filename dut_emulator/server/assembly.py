@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import importlib
 import signal
 import sys
 import traceback
@@ -80,8 +79,6 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
     bench = BenchServer(model, store, configuration.pace)
     ports = _Ports(configuration.port_base)
     try:
-        # the physics takes a second to import: meanwhile stations may connect
-        asyncio.get_running_loop().run_in_executor(None, importlib.import_module, "dut_emulator.gnc_module")
         description = await _open_ports(configuration, bench, ports)
         _write_description(configuration, description)
         log.info("bench is up", control=description.control)
