@@ -74,6 +74,7 @@ def parse_document(text: str, where: str, findings: Findings) -> RecordingDocume
     """
     try:
         loaded: object = json.loads(text, object_pairs_hook=_object_without_duplicates)
+        json.dumps(loaded, ensure_ascii=False).encode()  # half a surrogate pair could never be written again
     except (ValueError, RecursionError) as error:
         findings.add(f"This is not JSON: {error}.", where, "correct or restore the file.")
         return None
@@ -190,7 +191,8 @@ def _stream(entry: object, where: str, findings: Findings) -> StreamDescription 
     units = _units(stream.get("columns"), time, where, findings)
     types, rows = stream.get("types", {}), stream.get("rows")
     if not isinstance(types, dict) or not all(
-        column in units and kind in SAMPLE_TYPES for column, kind in cast(dict[str, Any], types).items()
+        column in units and isinstance(kind, str) and kind in SAMPLE_TYPES
+        for column, kind in cast(dict[str, Any], types).items()
     ):
         findings.add(
             "'types' does not say types of samples.",

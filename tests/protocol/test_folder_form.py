@@ -111,6 +111,7 @@ def test_wrong_rows_are_named(tmp_path, rows, says, where):
         ({"name": "a/b"}, "cannot be the name", "stream 1"),
         ({"rows": 7}, "2 of the 7 rows", "dut.csv, row 3"),
         ({"types": {"gyro_x": "complex"}}, "types", "key types"),
+        ({"types": {"gyro_x": {}}}, "types", "key types"),
     ],
 )
 def test_wrong_descriptions_are_named(tmp_path, stream, says, where):
@@ -125,6 +126,7 @@ def test_wrong_descriptions_are_named(tmp_path, stream, says, where):
     [
         ("{", "not JSON"),
         ("[1]", "not a JSON object"),
+        ('{"recording_id": "\\ud800"}', "not JSON"),
         ('{"format": "testloom-recording/2"}', "'testloom-recording/2'"),
         ('{"format": "x", "format": "testloom-recording/1"}', "stands twice"),
         ('{"format": "testloom-recording/1", "unit": {}, "test": {}, "streams": [1]}', "has no id"),
