@@ -168,6 +168,7 @@ def _socket_tile(station: str, socket: SocketView, language: str) -> Html:
         div("top", span("name", socket.socket), state),
         serial,
         *_socket_detail(socket, language),
+        *_notice(socket, language),
         data_station=station,
         data_socket=socket.socket,
         data_state=socket.state,
@@ -184,6 +185,13 @@ def _socket_detail(socket: SocketView, language: str) -> list[Html]:
     if socket.operation:
         return [div("detail", operation_word(socket.operation, language))]
     return []
+
+
+def _notice(socket: SocketView, language: str) -> list[Html]:
+    if not socket.notice:
+        return []
+    words = say("station alarm: {alarm}", language=language, alarm=socket.notice)
+    return [div("notice", icon("alarm"), words, title=words)]
 
 
 def _step_progress(socket: SocketView, language: str) -> Html:

@@ -9,7 +9,7 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import structlog
@@ -84,7 +84,7 @@ class ReadModel:
         self._heard_at_s: float | None = None
         self._status: LineStatus | None = None
         self._reason = ""
-        self._live: dict[SocketAddress, tuple[SocketProgress, float]] = {}
+        self._live: dict[SocketAddress, _Seen] = {}
         self._units: OrderedDict[str, tuple[UnitHistory | None, str, float]] = OrderedDict()
 
     def start(self) -> None:
@@ -107,7 +107,10 @@ class ReadModel:
                 connection=self._connection(now_s),
                 status=self._status,
                 status_age_s=0.0 if self._heard_at_s is None else now_s - self._heard_at_s,
-                live={key: LiveSocket(view, now_s - at_s) for key, (view, at_s) in self._live.items()},
+                live={
+                    key: LiveSocket(seen.view, now_s - seen.at_s, seen.notice)
+                    for key, seen in self._live.items()
+                },
             )
 
     def poll(self, source: LineSource) -> None:
@@ -187,15 +190,34 @@ class ReadModel:
         return Connection("connecting" if self._heard_at_s is None else "live", since_s, self._reason)
 
     def _take_progress(self, now_s: float) -> None:
-        """Newest view of each socket; that a socket is idle does not wipe out its last outcome."""
+        """Newest view of each socket; that a socket is idle does not wipe out its last outcome.
+
+        A view without a unit but with a step is a notice of the station on itself: it stands
+        until the next view.
+        """
         if self._source is None:
             return
         for view in self._source.take_progress():
             key = (view.station, view.socket)
             before = self._live.get(key)
-            if view.serial is None and before is not None and before[0].outcome is not None:
+            if before is None:
+                if len(self._live) < MAX_LIVE_SOCKETS:
+                    self._live[key] = _Seen(view, now_s, _notice(view))
                 continue
-            if before is None and len(self._live) >= MAX_LIVE_SOCKETS:
-                continue
-            repeats = before is not None and before[0] == view and view.outcome is not None
-            self._live[key] = (view, before[1] if repeats and before is not None else now_s)
+            idle_after_outcome = view.serial is None and before.view.outcome is not None
+            said_again = view == before.view and view.outcome is not None
+            if idle_after_outcome or said_again or _notice(view):
+                self._live[key] = replace(before, notice=_notice(view))
+            else:
+                self._live[key] = _Seen(view, now_s, "")
+
+
+@dataclass(frozen=True)
+class _Seen:
+    view: SocketProgress
+    at_s: float
+    notice: str
+
+
+def _notice(view: SocketProgress) -> str:
+    return "" if view.serial is not None or view.step is None else view.step.removeprefix("alarm: ")

@@ -14,7 +14,7 @@ First match wins:
     not leased                                         → free
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from protocol.line_views import SocketStatus
@@ -30,10 +30,14 @@ LIVE_VIEW_VALID_S = 5.0
 
 @dataclass(frozen=True)
 class LiveSocket:
-    """The last view that a station published of a socket, and how long ago that was."""
+    """The last view that a station published of a socket, and how long ago that was.
+
+    `notice`: what the station has to say of itself since then, such as a spool that is full.
+    """
 
     progress: SocketProgress
     age_s: float
+    notice: str = ""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,7 @@ class SocketView:
     steps_total: int = 0
     outcome: Outcome | None = None
     seconds: float | None = None
+    notice: str = ""
 
 
 def socket_view(
@@ -58,6 +63,16 @@ def socket_view(
     at_s: float,
 ) -> SocketView:
     """What one socket shows: the table at the top of this module."""
+    view = _without_notice(station_state, socket, live, at_s)
+    return view if live is None or not live.notice else replace(view, notice=live.notice)
+
+
+def _without_notice(
+    station_state: Literal["ready", "silent", "refused"],
+    socket: SocketStatus,
+    live: LiveSocket | None,
+    at_s: float,
+) -> SocketView:
     leased_for_s = None if socket.leased_since_s is None else max(0.0, at_s - socket.leased_since_s)
     if station_state != "ready":
         return SocketView(socket.socket, station_state, socket.serial, socket.operation, seconds=leased_for_s)
@@ -69,8 +84,10 @@ def socket_view(
         ):
             return SocketView(socket.socket, "testing", socket.serial, socket.operation, seconds=leased_for_s)
         outcome = live.progress.outcome
-        state = "testing" if outcome is None else _state_of(outcome)
-        return _from_live(socket.socket, "recording" if state == "passed" else state, live, leased_for_s)
+        if outcome is None:
+            return _from_live(socket.socket, "testing", live, leased_for_s)
+        state = _state_of(outcome)
+        return _from_live(socket.socket, "recording" if state == "passed" else state, live, live.age_s)
     if live is None or live.progress.serial is None:
         return SocketView(socket.socket, "free")
     if live.progress.outcome is not None:

@@ -108,6 +108,18 @@ def test_the_last_outcome_outlives_idle_and_repeated_views(model: ReadModel, clo
     assert model.snapshot().live[key].progress == running
 
 
+def test_a_stations_notice_stands_beside_the_last_outcome_until_the_next_view(model: ReadModel) -> None:
+    coordinator = Coordinator()
+    model.poll(coordinator)
+    passed = SocketProgress(station="s", socket="a", serial="GNC-1", operation="x", outcome=Outcome.PASS)
+    coordinator.progress = [passed, SocketProgress(station="s", socket="a", step="alarm: spool_unwritable")]
+    seen = model.snapshot().live["s", "a"]
+    assert (seen.progress, seen.notice) == (passed, "spool_unwritable")
+    coordinator.progress = [SocketProgress(station="s", socket="a")]
+    seen = model.snapshot().live["s", "a"]
+    assert (seen.progress, seen.notice) == (passed, "")
+
+
 def test_units_are_asked_for_once_in_a_while_and_known_when_away(model: ReadModel, clock: Clock) -> None:
     coordinator = Coordinator()
     assert model.unit("GNC-0003").history is None, "nothing is known before the link is there"

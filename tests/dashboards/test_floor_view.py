@@ -123,9 +123,16 @@ def _socket(serial: str | None = None) -> SocketStatus:
 def test_what_a_socket_shows(station, leased, live, state, step) -> None:
     view = socket_view(station, _socket(leased), live, NOW_S)
     assert (view.state, view.step) == (state, step)
-    if leased and view.state != "failed":
+    if leased:
         assert view.serial == leased
-        assert view.seconds == pytest.approx(3.0)
+        ended = view.outcome is not None
+        assert view.seconds == pytest.approx(1.0 if ended else 3.0), "since the outcome, or since the lease"
+
+
+def test_a_notice_shows_whatever_the_socket_shows() -> None:
+    for station in ("ready", "silent"):
+        live = LiveSocket(_live(Outcome.FAIL).progress, 1.0, "spool_unwritable")
+        assert socket_view(station, _socket(), live, NOW_S).notice == "spool_unwritable"
 
 
 def _line(**changes: object) -> LineStatus:
