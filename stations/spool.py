@@ -253,7 +253,7 @@ class Spool:
         primary_code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         if primary_code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
             return self._damaged(str(error))
-        if primary_code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+        if primary_code == sqlite3.SQLITE_FULL:
             what, remedy = "The spool cannot be written: the disk is full", "free space on this disk"
         else:
             what, remedy = "The spool cannot be written", "check the folder, its permissions and its disk"

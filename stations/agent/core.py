@@ -38,7 +38,7 @@ from stations.agent.fences import FenceMemory
 from stations.agent.state import AgentIdentity, HeldLease, Link, Phase, SpoolContent
 
 RETRY_FIRST_S = 0.2
-RETRY_MAX_S = 2.0
+RETRY_MAX_S = 1.0
 """Pauses between unanswered questions double from the first to the largest."""
 RENEWALS_UNANSWERED = 3
 """After so many the coordinator may have forgotten this station: it registers again."""

@@ -11,7 +11,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import psutil
 import pytest
 
 from protocol.adapters.zenoh_link import IncomingQuery, ZenohLink, open_link, open_router
@@ -23,7 +25,9 @@ from protocol.plans import PlanReference
 from protocol.station_messages import (
     COMMAND_REPLY,
     STATION_REQUEST,
+    AbortSequence,
     CommandAccepted,
+    CommandRefused,
     CommandReply,
     LeasesRenewed,
     RecordsAcknowledged,
@@ -62,11 +66,10 @@ class ScriptedCoordinator:
         for verb in COORDINATOR_VERBS:
             link.serve(coordinator_queryable("test", verb), self._answer)
 
-    def command(self, lease: Lease) -> CommandReply:
+    def command(self, command: Lease | AbortSequence) -> CommandReply:
         key = station_command_key("test", "st-1")
-        return COMMAND_REPLY.validate_json(
-            self._link.ask(key, StartSequence(lease=lease).model_dump_json().encode(), WAIT_S)
-        )
+        message = StartSequence(lease=command) if isinstance(command, Lease) else command
+        return COMMAND_REPLY.validate_json(self._link.ask(key, message.model_dump_json().encode(), WAIT_S))
 
     def _answer(self, query: IncomingQuery) -> None:
         request = STATION_REQUEST.validate_json(query.payload)
@@ -128,17 +131,22 @@ sequence:
 @contextmanager
 def agent(endpoint: str, folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     script = Path(__file__).with_name("agent_process.py")
-    with (folder / "log.jsonl").open("ab") as log:
-        process = subprocess.Popen(
-            [sys.executable, str(script), endpoint, str(folder)],
-            stderr=log,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
-        )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait(WAIT_S)
+    process = subprocess.Popen(
+        [sys.executable, str(script), endpoint, str(folder)],
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    with process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def log_of(process: subprocess.Popen[bytes]) -> list[dict[str, Any]]:
+    """What a process that has ended has logged."""
+    assert process.stderr is not None
+    return [json.loads(line) for line in process.stderr.read().splitlines()]
 
 
 def plan_reference(folder: Path) -> PlanReference:
@@ -224,5 +232,34 @@ def test_a_second_station_of_the_same_name_leaves_with_code_3_and_says_why(
     coordinator.refuse_with = "the station st-1 is on the bench FIX-9"
     with agent(endpoint, folder) as process:
         assert process.wait(WAIT_S) == 3
-    lines = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
-    assert any(line.get("text") == coordinator.refuse_with for line in lines)
+        assert any(line.get("text") == coordinator.refuse_with for line in log_of(process))
+
+
+def test_a_disk_that_refuses_keeps_the_record_in_the_agent_until_it_takes_it(
+    coordinator: ScriptedCoordinator, endpoint: str, folder: Path
+) -> None:
+    """The kernel refuses every write of the process, as a full disk does, and then takes them again."""
+    with agent(endpoint, folder) as process:
+        coordinator.registrations.get(timeout=WAIT_S)
+        coordinator.command(lease(folder, 1, "SLOW-1"))
+        limits = psutil.Process(process.pid)
+        unlimited = limits.rlimit(psutil.RLIMIT_FSIZE)
+        limits.rlimit(psutil.RLIMIT_FSIZE, (1, unlimited[1]))
+        coordinator.command(AbortSequence(station="st-1", socket="1", fence=1, reason="test"))
+
+        def refuses() -> bool:
+            reply = coordinator.command(lease(folder, 2, "U-2", "2"))
+            return isinstance(reply, CommandRefused) and reply.reason == "stopping"
+
+        eventually(refuses)
+        assert coordinator.records.empty()
+        limits.rlimit(psutil.RLIMIT_FSIZE, unlimited)
+        record = coordinator.records.get(timeout=WAIT_S)
+        assert (record.attempt_id, record.outcome) == ("a-1", Outcome.ABORTED)
+        eventually(lambda: coordinator.command(lease(folder, 3, "U-3", "2")) == CommandAccepted(fence=3))
+        assert coordinator.records.get(timeout=WAIT_S).outcome is Outcome.PASS
+        process.terminate()
+        assert process.wait(WAIT_S) == 0
+        alarms = [line for line in log_of(process) if line["event"] == "alarm"]
+        assert alarms
+        assert {line["alarm"] for line in alarms} == {"spool_unwritable"}
