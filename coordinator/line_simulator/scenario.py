@@ -32,9 +32,9 @@ from protocol.station_messages import (
 )
 
 CHAOS_S = 70.0
-FINISH_S = 3_000.0
+FINISH_S = 700.0
 OPERATIONS = ("functional", "imu_calibration")
-SETTINGS = LineSettings(abort_patience_s=8.0, rest_limit_s=40.0)
+SETTINGS = LineSettings(abort_patience_s=8.0, rest_limit_s=10.0)
 ROUTE = Route(
     name="simulated",
     product="simulated",

@@ -11,6 +11,7 @@ journal fails on its first commit.
 
 import hashlib
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -88,9 +89,9 @@ class LineStore:
         query = select(tables.JOURNAL).order_by(tables.JOURNAL.c.sequence)
         try:
             with self._engine.connect() as connection:
-                rows = connection.execution_options(yield_per=READ_BATCH).execute(query)
-                for row in rows:
-                    yield self._checked(row.sequence, row.fact, row.digest)
+                with closing(connection.execution_options(yield_per=READ_BATCH).execute(query)) as rows:
+                    for row in rows:
+                        yield self._checked(row.sequence, row.fact, row.digest)
         except DBAPIError as error:
             raise schema.store_error(error, self._engine) from None
 
