@@ -231,7 +231,7 @@ def _units(value: object, time: str, where: str, findings: Findings) -> dict[str
             f"{where}, key time",
             "name one of the columns.",
         )
-    elif is_known_unit(str(units[time])) and quantity_of(units[time]) != "time":
+    elif isinstance(units[time], str) and is_known_unit(units[time]) and quantity_of(units[time]) != "time":
         findings.add(
             f"The time column is in '{units[time]}', which is no unit of time.",
             f"{where}, column {time}",

@@ -103,6 +103,7 @@ def test_wrong_rows_are_named(tmp_path, rows, says, where):
     [
         ({"columns": {"t": "s", "gyro_x": "furlong"}}, "unit 'furlong' is not known", "column gyro_x"),
         ({"columns": {"t": "deg", "gyro_x": "deg"}}, "no unit of time", "column t"),
+        ({"columns": {"t": 1, "gyro_x": "deg"}}, "unit 1 is not known", "column t"),
         ({"columns": {"gyro_x": "deg"}}, "time column 't'", "key time"),
         ({"columns": []}, "does not name its columns", "key columns"),
         ({"file": "../dut.csv"}, "cannot be the file", "key file"),
