@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from protocol.adapters.zenoh_link import IncomingQuery, ZenohLink, open_link
 from protocol.bench_description import BenchDescription
-from protocol.errors import Fault, TestloomError
+from protocol.errors import Fault, PlanError, TestloomError
 from protocol.keys import alive_key, checked_name, station_command_key, station_live_key
 from protocol.plans import Plan
 from protocol.station_messages import (
@@ -128,16 +128,25 @@ def _make_folder(folder: Path) -> None:
 
 
 def load_plans(places: tuple[Path, ...]) -> tuple[Plan, ...]:
-    """The bundled plans and those in the given files and folders, each content once.
+    """One plan an operation: a given one, else the bundled one that is named as its operation.
 
     Raises:
-        PlanError: a plan cannot be used.
+        PlanError: a plan cannot be used, or two of the given ones are for the same operation.
     """
-    plans = {plan.sha256(): plan for plan in bundled_plans().values()}
+    plans = {plan.operation: plan for plan in bundled_plans().values() if plan.name == plan.operation}
+    given: dict[str, Path] = {}
     for place in places:
         for path in sorted(place.glob("*.yaml")) if place.is_dir() else (place,):
             plan = load_plan(path)
-            plans[plan.sha256()] = plan
+            if plan.operation in given:
+                raise PlanError(
+                    f"Two plans are given for the operation '{plan.operation}'.",
+                    where=f"{given[plan.operation]} and {path}",
+                    fault=Fault.PLAN,
+                    remedy="give one of them: a station runs one plan an operation.",
+                )
+            given[plan.operation] = path
+            plans[plan.operation] = plan
     return tuple(plans.values())
 
 
