@@ -59,10 +59,7 @@ class AxisMotion:
 
     def __init__(self, angle: float = 0.0) -> None:
         self._pieces = deque([Piece(_BEGINNING_S, angle, 0.0, 0.0)], maxlen=MAX_PIECES)
-
-    def rest_from_s(self) -> float:
-        """When the axis is, or will be, at rest."""
-        return self._pieces[-1].start_s
+        self._table: FloatArray | None = None  # the pieces as rows; None when they have changed
 
     def turn(self, trapezoid: Trapezoid, now_s: float) -> None:
         """Begin a trapezoid now; the axis is at rest."""
@@ -78,6 +75,7 @@ class AxisMotion:
             # the commanded angle itself, not the sum of the pieces' roundings
             Piece(now_s + trapezoid.duration_s, angle + trapezoid.angle, 0.0, 0.0),
         ]
+        self._table = None
 
     def brake(self, acceleration: float, now_s: float) -> None:
         """To rest from whatever rate, at this acceleration."""
@@ -88,10 +86,14 @@ class AxisMotion:
             self._pieces.append(Piece(now_s, angle, rate, -math.copysign(acceleration, rate)))
         braking_s = abs(rate) / acceleration
         self._pieces.append(Piece(now_s + braking_s, angle + rate * braking_s / 2, 0.0, 0.0))
+        self._table = None
 
     def at(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Angle, rate and acceleration at these times, each (n,)."""
-        table = np.array([(p.start_s, p.angle, p.rate, p.acceleration) for p in self._pieces])
+        table = self._table
+        if table is None:
+            table = np.array([(p.start_s, p.angle, p.rate, p.acceleration) for p in self._pieces])
+            self._table = table
         index = np.maximum(np.searchsorted(table[:, 0], times_s, side="right") - 1, 0)
         start_s, angle, rate, acceleration = table[index].T
         passed = times_s - start_s
@@ -101,3 +103,4 @@ class AxisMotion:
         """Forget what would have begun later than now. The first piece always stays."""
         while len(self._pieces) > 1 and self._pieces[-1].start_s > now_s:
             self._pieces.pop()
+        self._table = None
