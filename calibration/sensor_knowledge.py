@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from calibration.imu_session import SlowNoise
 from protocol.recordings import Recording
@@ -20,17 +21,29 @@ def sensor_range(recording: Recording, kind: str) -> float | None:
     return float(described["range"]) * factor_to_si(unit) * (1.0 - RANGE_MARGIN)
 
 
-def slow_noise(recording: Recording, kind: str) -> SlowNoise | None:
-    """Bias instability that the recording states with its correlation time; None otherwise."""
+def slow_noise(recording: Recording, kind: str) -> tuple[SlowNoise, ...]:
+    """What the recording states of the slow noise of 'gyro' or 'acc'; empty: nothing.
+
+    `bias_instability` counts where it has a correlation time. `turn_on_repeatability` (value, unit and
+    unit_spread) is the standard deviation of the bias from one power-on to the next.
+    """
     described = recording.believed.get(kind)
-    stated = described.get("bias_instability") if isinstance(described, Mapping) else None
-    if not isinstance(stated, Mapping) or not isinstance(stated.get("correlation_time_s"), int | float):
-        return None
+    if not isinstance(described, Mapping):
+        return ()
+    terms: list[SlowNoise] = []
+    instability, turn_on = described.get("bias_instability"), described.get("turn_on_repeatability")
+    if isinstance(instability, Mapping) and isinstance(instability.get("correlation_time_s"), int | float):
+        terms.append(SlowNoise(_level_si(instability), float(instability["correlation_time_s"])))
+    if isinstance(turn_on, Mapping):
+        terms.append(SlowNoise(_level_si(turn_on), math.inf))
+    return tuple(terms)
+
+
+def _level_si(stated: Mapping[str, Any]) -> float:
+    """Root mean square of a level that is log-normal over units: its median times exp(spread^2)."""
     spread = stated.get("unit_spread", 0.0)
-    # The level is log-normal over units: its root mean square is the median times exp(spread^2).
     rms = math.exp(float(spread) ** 2) if isinstance(spread, int | float) else 1.0
-    level = float(stated["value"]) * rms * factor_to_si(str(stated["unit"]))
-    return SlowNoise(level, float(stated["correlation_time_s"]))
+    return float(stated["value"]) * rms * factor_to_si(str(stated["unit"]))
 
 
 def axes(kind: str) -> tuple[str, str, str]:

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibration.imu_session import SlowNoise
 from calibration.recorded import Source, evaluate, sensor_range
+from calibration.sensor_knowledge import slow_noise
 from cli.calibrate_command import gum
 from cli.main import main
 from protocol.adapters.recording_forms import convert
@@ -104,6 +106,13 @@ def test_stated_bias_instability_is_taken_from_the_recording(synthetic_imu) -> N
     found = evaluate([Source(known)])
     assert any("as stated" in sentence for sentence in found.assumptions)
     assert found.gyro is not None
+    assert slow_noise(known, "gyro") == (SlowNoise(pytest.approx(math.radians(5 / 3600)), 300.0),)
+    stated["unit_spread"] = 0.5
+    believed["gyro"]["turn_on_repeatability"] = {"value": 3, "unit": "deg/h"}
+    assert slow_noise(known, "gyro") == (
+        SlowNoise(pytest.approx(math.radians(5 / 3600) * math.exp(0.25)), 300.0),
+        SlowNoise(pytest.approx(math.radians(3 / 3600)), math.inf),
+    )
     # 5 deg/h that wander with 300 s stay in the bias, however long the poses are.
     assert found.gyro.bias_standard_uncertainty()[0] > 0.6 * math.radians(5 / 3600)
     assert sensor_range(known, "gyro") == pytest.approx(math.radians(399.2))
