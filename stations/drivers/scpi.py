@@ -6,6 +6,8 @@ the answer says that it is done, and an error is known at once, by the instrumen
 
 import contextlib
 import re
+import select
+import socket
 import threading
 from functools import lru_cache
 from typing import Any
@@ -16,8 +18,6 @@ from pyvisa.constants import StatusCode
 from protocol.errors import Fault, LinkError, LinkTimeoutError
 
 VISA_TIMEOUT_MS = 2_000
-MAX_TRIES = 2
-"""A command on a session that broke is sent once more on a new one (all commands may be repeated)."""
 
 _ERROR_ENTRY = re.compile(r'^[+-]?\d+,".*"$')
 _NO_ERROR = re.compile(r'^[+-]?0,"')
@@ -87,37 +87,38 @@ class ScpiSession:
     def _exchange(self, command: str, text: str) -> str:
         """The first answer to `text`, whose last line asks for the error queue."""
         with self._lock:
-            for trial in range(1, MAX_TRIES + 1):
-                fresh = self._session is None
-                try:
-                    session = self._open()
-                    session.write(text)
-                    answer = session.read().strip()
-                    error = answer if _ERROR_ENTRY.match(answer) else session.read().strip()
-                except _BROKEN as broken:
-                    self.close()
-                    if fresh or trial == MAX_TRIES or _is_timeout(broken):
-                        raise self._lost(command, broken) from None
-                    continue
-                if not _NO_ERROR.match(error):
-                    raise LinkError(
-                        f"The instrument refuses '{command}': {error}.",
-                        where=self.where,
-                        fault=Fault.STATION,
-                        remedy="check the instrument's model against its driver, and who else uses it.",
-                    )
-                return answer
-        raise AssertionError("unreachable: the last try returns or raises")
+            try:
+                session = self._open(command)
+                session.write(text)
+                answer = session.read().strip()
+                error = answer if _ERROR_ENTRY.match(answer) else session.read().strip()
+            except _BROKEN as broken:
+                # what is still on its way would be taken for the next answer
+                self.close()
+                raise self._lost(command, broken) from None
+            if not _NO_ERROR.match(error):
+                raise LinkError(
+                    f"The instrument refuses '{command}': {error}.",
+                    where=self.where,
+                    fault=Fault.STATION,
+                    remedy="check the instrument's model against its driver, and who else uses it.",
+                )
+            return answer
 
-    def _open(self) -> Any:
+    def _open(self, command: str) -> Any:
+        if self._session is not None and _has_ended(self._session):
+            self.close()
         if self._session is None:
-            self._session = load_visa().open_resource(
-                self.resource,
-                read_termination="\n",
-                write_termination="\n",
-                timeout=VISA_TIMEOUT_MS,
-                open_timeout=VISA_TIMEOUT_MS,
-            )
+            try:
+                self._session = load_visa().open_resource(
+                    self.resource,
+                    read_termination="\n",
+                    write_termination="\n",
+                    timeout=VISA_TIMEOUT_MS,
+                    open_timeout=VISA_TIMEOUT_MS,
+                )
+            except Exception as error:  # noqa: BLE001 - pyvisa-py raises bare Exceptions here
+                raise self._lost(command, error) from None
         return self._session
 
     def _lost(self, command: str, error: Exception) -> LinkError:
@@ -128,6 +129,23 @@ class ScpiSession:
             fault=Fault.STATION,
             remedy="check that it is switched on and that the resource string is right (testloom doctor).",
         )
+
+
+def _has_ended(session: Any) -> bool:
+    """Whether the instrument has closed an idle connection.
+
+    pyvisa-py would find out by waiting for its time-out, so its socket is looked at; sessions of other
+    kinds and back ends say no.
+    """
+    sessions = getattr(load_visa().visalib, "sessions", {})
+    connection = getattr(sessions.get(session.session), "interface", None)
+    if not isinstance(connection, socket.socket):
+        return False
+    try:
+        readable = select.select([connection], [], [], 0)[0]
+        return bool(readable) and not connection.recv(1, socket.MSG_PEEK)
+    except OSError:
+        return True
 
 
 def _is_timeout(error: Exception) -> bool:

@@ -39,15 +39,17 @@ def wait_for_description(path: Path) -> BenchDescription:
 class ServedBench:
     """An emulated bench in a thread."""
 
-    def __init__(self, folder: Path, *, kind="socket_board", pace: float = 0.0, sockets: int = 2) -> None:
+    def __init__(
+        self, folder: Path, *, kind: str = "socket_board", pace: float = 0.0, port_base: int = 0
+    ) -> None:
         configuration = BenchServerConfiguration(
             name="bench",
             kind=kind,
             units_dir=folder / "units",
             description=folder / "bench.json",
-            sockets=sockets if kind == "socket_board" else None,
             seed=SEED,
             pace=pace,
+            port_base=port_base,
         )
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
