@@ -23,6 +23,9 @@ from dut_emulator.server.unit_store import UnitStore, write_atomically
 from protocol.bench_description import BenchDescription, SocketResources, StandResources
 from protocol.errors import Fault, TestloomError
 
+MAX_CONNECTIONS = 256
+"""To the control channel, instruments and stand together."""
+
 log = structlog.get_logger("bench")
 
 
@@ -125,6 +128,9 @@ class _Ports:
         """Listen with a protocol; `host:port`."""
 
         def accepted() -> asyncio.Protocol:
+            if len(self._protocols) >= MAX_CONNECTIONS:
+                log.warning("a connection was refused", purpose=purpose, connections=MAX_CONNECTIONS)
+                return _Refused()
             protocol = factory()
             self._protocols.add(protocol)
             return protocol
@@ -140,6 +146,13 @@ class _Ports:
             server.close()
         for protocol in tuple(self._protocols):
             protocol.disconnect()
+
+
+class _Refused(asyncio.Protocol):
+    """A connection too many: ended before a byte is read."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        transport.close()
 
 
 class _ScpiSession:
@@ -233,7 +246,7 @@ async def _open_stand(
     command = await ports.serve("the stand's commands", lambda: LineProtocol(_StandSession(bench), 256))
     link = TcpLink(STAND_STREAM_LINK, lambda _: None, ports.next_port())
     fault = LinkFault(Framing.STAND_STREAM, configuration.seed)
-    bench.links[link.name] = ServedLink(link, fault, None)
+    bench.links[link.name] = ServedLink(link, fault)
     return StandResources(
         stand_id=configuration.bench_identity,
         kind="three_axis_turntable",
@@ -255,10 +268,12 @@ def _open_link(
             bench.links[name].hand_over(answers)
         bench.bytes_arrived()
 
-    options: dict[str, Any] = {} if configuration.serial == "pty" else {"port": ports.next_port()}
-    link = (PtyLink if configuration.serial == "pty" else TcpLink)(name, on_bytes, **options)
+    if configuration.serial == "pty":
+        link = PtyLink(name, on_bytes)
+    else:
+        link = TcpLink(name, on_bytes, ports.next_port(), on_closed=socket.adapter.disconnect)
     framing = Framing.RS422 if kind == RS422 else Framing.SLCAN
-    bench.links[name] = ServedLink(link, LinkFault(framing, configuration.seed), socket.name)
+    bench.links[name] = ServedLink(link, LinkFault(framing, configuration.seed))
     return link.resource
 
 

@@ -25,7 +25,8 @@ TEST_POINTS = frozenset(
     for point in (pair.high, pair.low)
 ) | {TIMER_TEST_POINT}
 RS422, CAN = "rs422", "can"
-STAND_STREAM_LINK = "stand.stream"
+STAND = "stand"
+STAND_STREAM_LINK = f"{STAND}.stream"
 
 
 class BenchModelError(Exception):
@@ -212,20 +213,20 @@ class BenchModel:
             for board in self.instruments.boards.values():
                 board.apply_ad_source(0.0)
 
-    def next_event_s(self, watched_sockets: Iterable[str]) -> float | None:
+    def next_event_s(self, watched_links: Iterable[str]) -> float | None:
         """The next moment at which time has to stop on its way.
 
-        The ends of the instruments' windows always; what units do only for the watched sockets, because
-        the others' bytes may as well be handed over later.
+        The ends of the instruments' windows always; what units and the stand do only where somebody
+        watches their links, because the others' bytes may as well be handed over later.
         """
         moments = [
             instrument.next_event_s()
             for instrument in (self.instruments.multimeter, self.instruments.oscilloscope)
             if instrument is not None
         ]
-        for name in watched_sockets:
-            unit = self.sockets[name].unit
-            moments.append(unit.next_event_s() if unit is not None else None)
+        for name in {link.partition(".")[0] for link in watched_links}:
+            emitter = self.stand if name == STAND else self.sockets[name].unit
+            moments.append(emitter.next_event_s() if emitter is not None else None)
         return min((moment for moment in moments if moment is not None), default=None)
 
     def advance(self, to_s: float) -> list[tuple[str, bytes]]:

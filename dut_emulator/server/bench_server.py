@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import structlog
 
 from dut_emulator.server.bench_clock import Activity, BenchClock, InvalidTransition
-from dut_emulator.server.bench_model import BenchModel, BenchModelError
+from dut_emulator.server.bench_model import STAND, BenchModel, BenchModelError, SocketModel
 from dut_emulator.server.control_channel import ControlConnection
 from dut_emulator.server.link_faults import FAULTS_OF_FRAMING, LinkFault
 from dut_emulator.server.links import ByteLink
@@ -41,18 +41,16 @@ ARRIVAL_TIMEOUT_S = 5.0
 """Wall time in which bytes that a station says it has written must arrive."""
 MIN_TICK_S = 0.001
 """Shortest sleep of the wall clock in paced running."""
-STAND = "stand"
 
 log = structlog.get_logger("bench")
 
 
 @dataclass
 class ServedLink:
-    """A link with the fault it may have; `socket` is None for the stand's stream."""
+    """A link with the fault it may have."""
 
     link: ByteLink
     fault: LinkFault
-    socket: str | None
 
     def hand_over(self, data: bytes) -> None:
         """What leaves the bench on this link."""
@@ -189,7 +187,7 @@ class BenchServer:
             raise BenchModelError(f"there is no '{target}' to have a fault; there are {', '.join(known)}")
         log.info("fault injected", target=target, fault=request.fault)
 
-    def _socket(self, name: str):
+    def _socket(self, name: str) -> SocketModel:
         socket = self.model.sockets.get(name)
         if socket is None:
             raise BenchModelError(f"there is no socket '{name}'; there are {', '.join(self.model.sockets)}")
@@ -290,8 +288,7 @@ class BenchServer:
         if self._tick is not None:
             self._tick.cancel()
             self._tick = None
-        stand_s = self.model.stand.next_event_s() if self.model.stand is not None else None
-        moments = (self._clock.earliest_s(), stand_s, self.model.next_event_s(self.model.sockets))
+        moments = (self._clock.earliest_s(), self.model.next_event_s(self.links))
         next_s = min((moment for moment in moments if moment is not None), default=None)
         if next_s is not None:
             at = max(self._started_at + next_s / self._pace, self._loop.time() + MIN_TICK_S)
@@ -307,7 +304,7 @@ class BenchServer:
         at_one_moment = 0
         for _ in range(MAX_STEPS_PER_SLICE):
             now_s = self._clock.now_s
-            event_s = self.model.next_event_s(self._watched_sockets())
+            event_s = self.model.next_event_s(self._clock.watched_links())
             to_s = limit_s if event_s is None else min(max(event_s, now_s), limit_s)
             at_one_moment = at_one_moment + 1 if to_s == now_s else 0
             if at_one_moment > MAX_STEPS_AT_ONE_MOMENT:
@@ -316,10 +313,6 @@ class BenchServer:
             woken = self._answer_due()
             if to_s >= limit_s or (woken and not self._pace):
                 return
-
-    def _watched_sockets(self) -> set[str]:
-        watched = self._clock.watched_links()
-        return {socket for link in watched if (socket := self.links[link].socket) is not None}
 
     def _advance(self, to_s: float) -> None:
         pieces: dict[str, list[bytes]] = {}

@@ -32,16 +32,20 @@ class ByteLink:
     Args:
         name: of the link, as in a control request.
         on_bytes: called with what the station has written.
+        on_closed: called when a connection has ended.
     """
 
     max_buffered_bytes = MAX_BUFFERED_BYTES
 
-    def __init__(self, name: str, on_bytes: Callable[[bytes], None]) -> None:
+    def __init__(
+        self, name: str, on_bytes: Callable[[bytes], None], on_closed: Callable[[], None] = lambda: None
+    ) -> None:
         self.name = name
         self.handed_over = 0
         self.received = 0
         self.overrun = False
         self._on_bytes = on_bytes
+        self._on_closed = on_closed
         self._descriptor: int | None = None
         self._queue: deque[memoryview] = deque()
         self._buffered = 0
@@ -96,6 +100,7 @@ class ByteLink:
         self._buffered = 0
         self._descriptor = None
         self.handed_over = self.received = 0
+        self._on_closed()
 
     def _read(self) -> None:
         for _ in range(MAX_READS_AT_ONCE):
@@ -143,8 +148,14 @@ class ByteLink:
 class TcpLink(ByteLink):
     """A link on a TCP port of this machine, `lockstep://127.0.0.1:PORT?link=NAME`."""
 
-    def __init__(self, name: str, on_bytes: Callable[[bytes], None], port: int) -> None:
-        super().__init__(name, on_bytes)
+    def __init__(
+        self,
+        name: str,
+        on_bytes: Callable[[bytes], None],
+        port: int,
+        on_closed: Callable[[], None] = lambda: None,
+    ) -> None:
+        super().__init__(name, on_bytes, on_closed)
         self._listener = listening_socket(port, name)
         self._listener.setblocking(False)
         self._connection: socket.socket | None = None

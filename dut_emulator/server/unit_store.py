@@ -58,8 +58,12 @@ class UnitStore:
                 remedy=f"give 1 to {MAX_SERIAL_LENGTH} letters, digits, dots, dashes or underscores.",
             )
         flash = self._read(serial)
+        try:
+            unit = make_unit(self._seed, serial, flash)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._damaged(serial, f"{type(error).__name__} {error}") from None
         self._saved[serial] = flash or {}
-        return make_unit(self._seed, serial, flash)
+        return unit
 
     def keep(self, serial: str, unit: EmulatedUnit) -> None:
         """Write a unit's flash, if it is not as it was written last.
@@ -93,13 +97,16 @@ class UnitStore:
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
-            raise TestloomError(
-                f"The flash of unit {serial} cannot be read: {error}.",
-                where=str(path),
-                fault=Fault.DATA,
-                remedy="restore the file, or remove it to have the unit as it left the factory.",
-            ) from None
+            raise self._damaged(serial, str(error)) from None
         return image
+
+    def _damaged(self, serial: str, why: str) -> TestloomError:
+        return TestloomError(
+            f"The flash of unit {serial} cannot be read: {why}.",
+            where=str(self._path(serial)),
+            fault=Fault.DATA,
+            remedy="restore the file, or remove it to have the unit as it left the factory.",
+        )
 
     def _path(self, serial: str) -> Path:
         return self._directory / f"{serial}.json"

@@ -90,6 +90,18 @@ def test_an_endless_line_ends_its_own_connection_only(start_bench) -> None:
     assert other.wait(1.0)["ok"]
 
 
+def test_connections_are_bounded_and_become_free_again(start_bench, monkeypatch) -> None:
+    monkeypatch.setattr("dut_emulator.server.assembly.MAX_CONNECTIONS", 2)
+    bench = start_bench()
+    one, two = bench.participant("one"), bench.participant("two")
+    host, port = bench.description.control.split(":")
+    with socket.create_connection((host, int(port)), timeout=10) as third:
+        assert third.recv(1) == b""
+    two.close()
+    assert one.wait(1.0)["ok"]  # by now the bench knows that it has gone
+    assert bench.participant("again").wait(1.0)["ok"]
+
+
 def test_a_hand_that_loads_units_is_told_what_it_cannot_do(start_bench) -> None:
     bench = start_bench()
     hand = bench.participant("hand", observer=True)

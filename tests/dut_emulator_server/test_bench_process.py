@@ -1,5 +1,6 @@
 """A bench as a process: command line, errors for people, its end; and units that move between benches."""
 
+import asyncio
 import json
 import signal
 import struct
@@ -10,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from dut_emulator.server.assembly import run_bench
+from dut_emulator.server.assembly import serve
 from dut_emulator.server.configuration import BenchServerConfiguration
 from protocol.bench_description import BenchDescription
 from protocol.errors import Fault, TestloomError
@@ -107,8 +108,13 @@ def test_a_directory_that_cannot_be_one_is_named(tmp_path: Path, option: str) ->
         "description": tmp_path / "b.json",
         option: file / "below",
     }
+    configuration = BenchServerConfiguration(name="b", kind="socket_board", **settings)
+
+    async def run() -> None:
+        await serve(configuration, asyncio.Event())
+
     with pytest.raises(TestloomError) as caught:
-        run_bench(BenchServerConfiguration(name="b", kind="socket_board", **settings))
+        asyncio.run(run())
     assert str(file) in caught.value.where
     assert caught.value.fault is Fault.OPERATOR
 
@@ -143,10 +149,9 @@ def test_coefficients_travel_with_the_unit_to_the_next_bench(start_bench, tmp_pa
 
 def test_a_damaged_flash_is_refused_by_name(start_bench, tmp_path: Path) -> None:
     bench = start_bench()
-    (tmp_path / "units" / "GNC-0001.json").write_text('{"format": ')
     hand = bench.participant("hand", observer=True)
-    assert (
-        "flash of unit GNC-0001 cannot be read"
-        in hand.ask(op="insert", socket="1", serial="GNC-0001")["what"]
-    )
+    for damaged in ('{"format": ', "[]", '{"format": "testloom-flash/1", "power_cycles": 1}'):
+        (tmp_path / "units" / "GNC-0001.json").write_text(damaged)
+        reply = hand.ask(op="insert", socket="1", serial="GNC-0001")
+        assert "flash of unit GNC-0001 cannot be read" in reply["what"]
     assert hand.ask(op="insert", socket="1", serial="GNC-0002")["ok"]

@@ -76,6 +76,24 @@ def test_a_turn_integrates_to_its_angle_in_one_long_wait(table) -> None:
     assert np.degrees(np.abs(read[:, 3]).max()) == pytest.approx(1080 / 2.8, abs=0.01)
 
 
+def test_five_minutes_in_one_wait_arrive_complete(table) -> None:
+    _, participant, commands, stream = table
+    commands.query("STRE ON,200")
+    participant.wait(participant.now_s + 300.0)
+    np.testing.assert_allclose(np.diff(samples(stream)[:, 0]), 0.005, atol=1e-9)
+    assert len(samples(stream)) == 60_001
+
+
+def test_a_watched_stream_wakes_at_its_next_sample(table) -> None:
+    _, participant, commands, stream = table
+    commands.query("STRE ON,100")
+    begin_s = participant.now_s
+    for count in range(1, 4):
+        participant.wait(begin_s + 5.0, stream)
+        assert len(samples(stream)) == count
+        assert participant.now_s == pytest.approx(begin_s + (count - 1) / 100, abs=1e-9)
+
+
 def test_what_a_turntable_refuses(table) -> None:
     bench, participant, commands, _ = table
     assert commands.query("ROT outer,1080,5.0,2.5").startswith("ERR 12 ")  # a peak of 432 deg/s
