@@ -88,6 +88,8 @@ class CoordinatorDaemon:
             arguments.database, arguments.line, arguments.settings, SOFTWARE_VERSION, self._clock
         )
         self._retry_at_s = 0.0
+        self._incarnation = time.time_ns()
+        self._other_seen = threading.Event()
 
     def stop(self) -> None:
         """End `run` soon. May be called from a signal handler or another thread."""
@@ -110,11 +112,10 @@ class CoordinatorDaemon:
                 ) as link,
                 _command_threads() as pool,
             ):
-                incarnation = time.time_ns()
                 for verb in keys.COORDINATOR_VERBS:
                     link.serve(keys.coordinator_queryable(line, verb), self._receiver(verb))
                 link.watch_alive(keys.all_alive_keys(line), self._token_changed)
-                link.declare_alive(keys.alive_key(line, keys.COORDINATOR_NAME, incarnation))
+                link.declare_alive(keys.alive_key(line, keys.COORDINATOR_NAME, self._incarnation))
                 _log.info("serving", line=line, router=self._arguments.router)
                 gc.collect()
                 gc.freeze()
@@ -131,6 +132,9 @@ class CoordinatorDaemon:
             _log.info("stopped", line=line)
 
     def _turn(self) -> list[ToStation]:
+        if self._other_seen.is_set():
+            self._other_seen.clear()
+            self._service.check_sole_writer()
         items = self._next_items()
         if not self._service.available and self._clock() >= self._retry_at_s:
             self._retry_at_s = self._clock() + STORE_RETRY_S
@@ -164,6 +168,8 @@ class CoordinatorDaemon:
 
     def _token_changed(self, key: str, alive: bool) -> None:
         name, incarnation = keys.parse_alive_key(key)
+        if name == keys.COORDINATOR_NAME and alive and incarnation != self._incarnation:
+            self._other_seen.set()
         if alive or name == keys.COORDINATOR_NAME:
             return
         event = StationTokenVanished(at_s=self._clock(), station=name, incarnation=incarnation)

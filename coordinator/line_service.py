@@ -186,6 +186,18 @@ class LineService:
             return self._one_by_one(work, error)
         return self._finish(turn)
 
+    def check_sole_writer(self) -> None:
+        """Another coordinator of this line showed itself: whose is the journal?
+
+        Raises:
+            StoreConflictError: the other's.
+        """
+        if self._store is not None and self.available:
+            try:
+                self._store.check_sole_writer()
+            except StoreUnavailableError as error:
+                self._become_unavailable(error)
+
     def seconds_to_next_timer(self) -> float | None:
         """How long until a timer is due; None when there is none."""
         return max(0.0, self._timers[0][0] - self._now_s()) if self._timers else None
@@ -208,11 +220,12 @@ class LineService:
             try:
                 self._take(item, turn)
             except (ValidationError, _NotUnderstood) as error:
-                item.query.reject(
-                    f"The request was not understood: {_first_problem(error)}.",
-                    Fault.OPERATOR,
-                    "see that both sides run the same version of Testloom.",
+                rejection = RequestRejected(
+                    what=f"The request was not understood: {_first_problem(error)}.",
+                    fault=Fault.OPERATOR.value,
+                    remedy="see that both sides run the same version of Testloom.",
                 )
+                turn.answers.append((item.query, rejection))
 
     def _take(self, request: Request, turn: _Turn) -> None:
         query = request.query
@@ -227,9 +240,7 @@ class LineService:
         if message.station != sender_of(query.key):
             raise _NotUnderstood(f"{sender_of(query.key)} speaks for {message.station}")
         if isinstance(message, RegisterStation):
-            checked_name(message.station, "station")
-            for description in message.sockets:
-                checked_name(description.socket, "socket")
+            _check_names(message)
             _check_fences(lease.fence for lease in message.held)
             self._handle(StationRegistered(at_s=self._now_s(), registration=message), request, turn)
         elif isinstance(message, RenewLeases):
@@ -367,6 +378,15 @@ class LineService:
 
 class _NotUnderstood(Exception):
     """A request that says two things at once."""
+
+
+def _check_names(registration: RegisterStation) -> None:
+    try:
+        checked_name(registration.station, "station")
+        for description in registration.sockets:
+            checked_name(description.socket, "socket")
+    except TestloomError as error:
+        raise _NotUnderstood(error.what.rstrip(".")) from None
 
 
 def _check_fences(fences: Iterable[int]) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic import ValidationError
-from sqlalchemy import Connection, insert, select
+from sqlalchemy import Connection, func, insert, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import DBAPIError
 
@@ -88,10 +88,12 @@ class LineStore:
         self._sequence, self._digest = 0, _FIRST_DIGEST
         query = select(tables.JOURNAL).order_by(tables.JOURNAL.c.sequence)
         try:
-            with self._engine.connect() as connection:
-                with closing(connection.execution_options(yield_per=READ_BATCH).execute(query)) as rows:
-                    for row in rows:
-                        yield self._checked(row.sequence, row.fact, row.digest)
+            with (
+                self._engine.connect() as connection,
+                closing(connection.execution_options(yield_per=READ_BATCH).execute(query)) as rows,
+            ):
+                for row in rows:
+                    yield self._checked(row.sequence, row.fact, row.digest)
         except DBAPIError as error:
             raise schema.store_error(error, self._engine) from None
 
@@ -125,6 +127,21 @@ class LineStore:
         except DBAPIError as error:
             raise schema.store_error(error, self._engine) from None
         self._sequence, self._digest = sequence, digest
+
+    def check_sole_writer(self) -> None:
+        """See that the journal ends where this coordinator left it.
+
+        Raises:
+            StoreConflictError: another coordinator has written to it.
+            StoreUnavailableError: the database cannot be read.
+        """
+        try:
+            with self._engine.connect() as connection:
+                last = connection.execute(select(func.max(tables.JOURNAL.c.sequence))).scalar() or 0
+        except DBAPIError as error:
+            raise schema.store_error(error, self._engine) from None
+        if last != self._sequence:
+            raise schema.written_by_another(self._engine)
 
     def attempts_of(self, serial: str) -> tuple[AttemptView, ...]:
         """A unit's attempts as kept, in the order in which they came.

@@ -90,13 +90,7 @@ def store_error(error: DBAPIError, engine: Engine) -> TestloomError:
     text, where = str(error.orig or error).strip(), place_of(engine)
     low = text.lower()
     if isinstance(error, IntegrityError):
-        return StoreConflictError(
-            "Another coordinator has written to this line's journal.",
-            where=where,
-            fault=Fault.OPERATOR,
-            remedy="run one coordinator per line: stop this one or the other.",
-            story=(text,),
-        )
+        return written_by_another(engine, text)
     if isinstance(error, DataError):
         return TestloomError(
             "A value cannot be stored in the database.",
@@ -126,6 +120,17 @@ def store_error(error: DBAPIError, engine: Engine) -> TestloomError:
     elif "unable to open" in low:
         what, remedy = "The database cannot be opened.", "see that its folder exists and can be written."
     return StoreUnavailableError(what, where=where, fault=Fault.TESTLOOM, remedy=remedy, story=(text,))
+
+
+def written_by_another(engine: Engine, story: str = "") -> StoreConflictError:
+    """Two coordinators on one journal."""
+    return StoreConflictError(
+        "Another coordinator has written to this line's journal.",
+        where=place_of(engine),
+        fault=Fault.OPERATOR,
+        remedy="run one coordinator per line: stop this one or the other.",
+        story=(story,) if story else (),
+    )
 
 
 def _set_pragmas(connection: object, _entry: ConnectionPoolEntry) -> None:
