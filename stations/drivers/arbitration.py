@@ -104,6 +104,24 @@ class Arbitration:
         self.power_supply = ScpiSession(bench.power_supply, "power supply")
         self.multimeter = _optional(bench.multimeter, "multimeter")
         self.oscilloscope = _optional(bench.oscilloscope, "oscilloscope")
+        self._boards_are_open = False
+
+    @contextmanager
+    def measuring(self, clock: BranchClock) -> Iterator[None]:
+        """The measuring bus for one socket. Raises on entry as `FairLock.held`.
+
+        Whoever measures first opens the relays of every board: a station that was killed may have
+        left some closed, and the bus would be refused for as long as they are.
+        """
+        with self.measuring_bus.held(clock):
+            if not self._boards_are_open:
+                for resources in self.bench.sockets:
+                    if resources.board is not None:
+                        board = ScpiSession(resources.board, f"socket board {resources.socket}")
+                        board.set("ROUT:OPEN:ALL")
+                        board.close()
+                self._boards_are_open = True
+            yield
 
     def close(self) -> None:
         """Close the sessions; the next use opens them again."""

@@ -19,7 +19,7 @@ from protocol.bench_control import (
 from protocol.errors import Fault, LinkError, LinkTimeoutError
 
 CONNECT_TIMEOUT_S = 2.0
-REPLY_GUARD_S = 30.0
+REPLY_GUARD_S = 60.0
 """Wall time without any answer after which the bench counts as dead. In lock-step an answer waits for
 every other participant's work, so this is far above what one of them may take."""
 INTERRUPTION_POLL_S = 0.05

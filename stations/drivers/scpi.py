@@ -9,6 +9,7 @@ import re
 import select
 import socket
 import threading
+import time
 from functools import lru_cache
 from typing import Any
 
@@ -17,7 +18,11 @@ from pyvisa.constants import StatusCode
 
 from protocol.errors import Fault, LinkError, LinkTimeoutError
 
-VISA_TIMEOUT_MS = 2_000
+ANSWER_GUARD_S = 20.0
+"""Wall time in which an instrument answers; an emulated one may stand behind a busy bench."""
+OPEN_TIMEOUT_MS = 2_000
+READ_SLICE_MS = 500
+"""A read is cut so: pyvisa-py notices a closed connection only between two reads."""
 
 _ERROR_ENTRY = re.compile(r'^[+-]?\d+,".*"$')
 _NO_ERROR = re.compile(r'^[+-]?0,"')
@@ -90,8 +95,8 @@ class ScpiSession:
             try:
                 session = self._open(command)
                 session.write(text)
-                answer = session.read().strip()
-                error = answer if _ERROR_ENTRY.match(answer) else session.read().strip()
+                answer = _read_line(session)
+                error = answer if _ERROR_ENTRY.match(answer) else _read_line(session)
             except _BROKEN as broken:
                 # what is still on its way would be taken for the next answer
                 self.close()
@@ -114,8 +119,8 @@ class ScpiSession:
                     self.resource,
                     read_termination="\n",
                     write_termination="\n",
-                    timeout=VISA_TIMEOUT_MS,
-                    open_timeout=VISA_TIMEOUT_MS,
+                    timeout=READ_SLICE_MS,
+                    open_timeout=OPEN_TIMEOUT_MS,
                 )
             except Exception as error:  # noqa: BLE001 - pyvisa-py raises bare Exceptions here
                 raise self._lost(command, error) from None
@@ -129,6 +134,19 @@ class ScpiSession:
             fault=Fault.STATION,
             remedy="check that it is switched on and that the resource string is right (testloom doctor).",
         )
+
+
+def _read_line(session: Any) -> str:
+    """The next line. Raises one of _BROKEN."""
+    guard = time.monotonic() + ANSWER_GUARD_S
+    while True:
+        try:
+            return session.read().strip()
+        except pyvisa.errors.VisaIOError as error:
+            if not _is_timeout(error) or time.monotonic() > guard:
+                raise
+            if _has_ended(session):
+                raise ConnectionResetError("the connection was closed") from None
 
 
 def _has_ended(session: Any) -> bool:

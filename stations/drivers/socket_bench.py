@@ -207,7 +207,7 @@ class SocketBench:
     @contextmanager
     def _measuring_bus(self, clock: BranchClock) -> Iterator[None]:
         board = self.board(clock)
-        with self._arbitration.measuring_bus.held(clock):
+        with self._arbitration.measuring(clock):
             try:
                 yield
             finally:

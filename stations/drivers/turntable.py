@@ -15,7 +15,7 @@ from stations.drivers.clock import BranchClock
 from stations.drivers.serial_port import read_available
 
 CONNECT_TIMEOUT_S = 2.0
-ANSWER_TIMEOUT_S = 5.0
+ANSWER_TIMEOUT_S = 20.0
 MAX_ANSWER_BYTES = 4096
 MAX_STATUS_POLLS = 100
 STATUS_POLL_S = 0.01

@@ -99,6 +99,21 @@ class SequenceRunner:
             shared = SequenceEnvironment(plan, attempt, self._bench, abort)
             return _Dispatch(shared, on_progress).run()
 
+    def make_safe(self) -> SafeState:
+        """Bring the socket into the safe state outside a sequence: after a start, before an end.
+
+        A station that was killed may have left a unit under power. Never raises.
+        """
+        with self._one_at_a_time:
+            clock = self._bench.clock(0)
+            try:
+                clock.join()
+                safe = make_safe(self._bench, clock)
+                clock.leave()
+            except LinkError as error:
+                return SafeState(False, (error.what,))
+            return safe
+
     def close(self) -> None:
         """Close every link. The runner can be used again afterwards."""
         with self._one_at_a_time:

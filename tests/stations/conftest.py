@@ -82,6 +82,7 @@ class Floor:
     bench: ServedBench
     arbitration: Arbitration
     runners: dict[str, SequenceRunner]
+    folder: Path
 
     def run(
         self,
@@ -116,7 +117,7 @@ def floor_of(bench: ServedBench, description: BenchDescription, folder: Path) ->
         socket.socket: SequenceRunner(description, socket.socket, arbitration, folder)
         for socket in description.sockets
     }
-    return Floor(bench, arbitration, runners)
+    return Floor(bench, arbitration, runners, folder)
 
 
 @pytest.fixture(scope="module")

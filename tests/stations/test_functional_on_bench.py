@@ -7,10 +7,13 @@ import pytest
 from dut_emulator.defects import DEFECTS
 from dut_emulator.population import draw_unit
 from dut_emulator.unit_truth import Category
+from protocol.bench_control import Insert
 from protocol.errors import Fault
 from protocol.measurements import MeasurementOutcome
 from protocol.outcomes import Outcome
 from stations.drivers.arbitration import Arbitration
+from stations.drivers.control_channel import ControlChannel
+from stations.drivers.scpi import ScpiSession
 from stations.interruptions import AbortFlag
 from stations.sequencing.runner import SequenceResult, SequenceRunner
 from stations.sequencing.step_registry import bundled_plans
@@ -197,6 +200,26 @@ def test_two_sockets_share_the_instruments_and_bench_time(floor: Floor):
         "2": Outcome.PASS,
     }, {socket: result.message for socket, result in results.items()}
     assert max(result.duration_bench_s for result in results.values()) < 2 * MAX_FUNCTIONAL_BENCH_S
+
+
+def test_what_a_killed_station_left_behind_is_cleared(floor: Floor):
+    """A unit under power in socket 1, the relays of socket 2 closed, nobody at work."""
+    description = floor.bench.description
+    supply = ScpiSession(description.power_supply, "power supply")
+    board = ScpiSession(description.sockets[1].board or "", "board")
+    control = ControlChannel(description.control or "", "killed", observer=True)
+    control.request(Insert(socket="1", serial="LEFT-1"))
+    for command in ("VOLT 5,(@1)", "CURR 1,(@1)", "OUTP ON,(@1)"):
+        supply.set(command)
+    board.set("ROUT:CLOS (@GND_1,GND_2)")
+    restarted = SequenceRunner(description, "1", Arbitration(description), floor.folder)
+    assert restarted.make_safe().reached
+    assert supply.query("OUTP? (@1)") == "0"
+    plan = bundled_plans()["functional"]
+    result = restarted.run(plan, lease_of(plan, HEALTHY), lambda progress: None, AbortFlag())
+    for session in (supply, board, control, restarted):
+        session.close()
+    assert result.outcome is Outcome.PASS, result.message
 
 
 @pytest.mark.fabric

@@ -12,6 +12,7 @@ from protocol.outcomes import MeasurementOutcome, Outcome
 from protocol.plans import Parallel, Plan, Sequence, Step
 from stations.sequencing.core import (
     AbortRequested,
+    Command,
     CutShort,
     DeadlinePassed,
     Finish,
@@ -46,6 +47,11 @@ class Played:
     ended: list[StepKey] = field(default_factory=list)
     records: tuple = ()
     most_side_by_side: int = 0
+
+    @property
+    def verdict(self) -> Finish:
+        assert self.finish is not None
+        return self.finish
 
 
 @st.composite
@@ -87,7 +93,8 @@ def plans(draw) -> Plan:
     )
 
 
-def ended(command: RunStep) -> StepEnded:
+def ended(command: Command) -> StepEnded:
+    assert isinstance(command, RunStep)
     fate = command.step.step.removesuffix("_step")
     specification = command.step.measurements[0]
     value, outcome = {
@@ -168,10 +175,10 @@ def test_pass_only_if_every_declared_measurement_of_every_step_passed(plan, inte
         measurement.outcome is MeasurementOutcome.PASS for measurement in taken
     )
     no_cut = all(record.outcome is Outcome.PASS for record in played.records)
-    if played.finish.outcome is Outcome.PASS:
+    if played.verdict.outcome is Outcome.PASS:
         assert all_passed
         assert no_cut
-        assert played.finish.fault is Fault.NONE
+        assert played.verdict.fault is Fault.NONE
     elif not interruptions:
         assert not (all_passed and no_cut)
 
@@ -185,7 +192,7 @@ def test_the_outcome_is_the_worst_that_a_step_before_the_teardown_had(plan, data
     bad = [outcome for outcome in order if outcome in before]
     late = [r for r in played.records if r.section == "teardown" and r.outcome is not Outcome.PASS]
     expected = bad[0] if bad else (Outcome.ERROR if late else Outcome.PASS)
-    assert played.finish.outcome is expected
+    assert played.verdict.outcome is expected
 
 
 @settings(max_examples=50)
@@ -247,14 +254,14 @@ def with_teardown_measurement(plan: Plan) -> Plan:
 def test_stop_rules(main, started, outcome):
     played = play(with_teardown_measurement(plan_of(*main)), None)
     assert len(played.started) == started
-    assert played.finish.outcome is outcome
+    assert played.verdict.outcome is outcome
 
 
 def test_branches_run_side_by_side_and_join():
     parallel = Parallel(parallel=((step_of("pass", 0), step_of("pass", 1)), (step_of("pass", 2),)))
     played = play(with_teardown_measurement(plan_of(parallel, step_of("pass", 3))), None)
     assert played.most_side_by_side == 2
-    assert played.finish.outcome is Outcome.PASS
+    assert played.verdict.outcome is Outcome.PASS
     after_join = played.started.index(StepKey("main", 1, 0, 0))
     assert after_join == 3
 
@@ -265,6 +272,7 @@ def test_an_abort_in_the_teardown_is_too_late():
     (teardown,) = core.handle(ended(first))
     assert core.handle(AbortRequested("late")) == []
     (finish,) = core.handle(ended(teardown))
+    assert isinstance(finish, Finish)
     assert finish.outcome is Outcome.PASS
 
 
@@ -279,7 +287,7 @@ def test_impossible_events_tell_their_story():
 
 
 def test_whose_fault_a_step_is():
-    def measured(outcome: MeasurementOutcome, value=3.0) -> Measurement:
+    def measured(outcome: MeasurementOutcome, value: float | None = 3.0) -> Measurement:
         return Measurement(specification=SPECIFICATION, value=value, outcome=outcome)
 
     assert judge_step((measured(MeasurementOutcome.FAIL),), None)[:2] == (Outcome.FAIL, Fault.UNIT)

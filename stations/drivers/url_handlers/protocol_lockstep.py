@@ -17,7 +17,7 @@ from serial import SerialException
 from serial.urlhandler.protocol_socket import Serial as SocketSerial
 
 CONNECT_TIMEOUT_S = 2.0
-RECEIVE_GUARD_S = 10.0
+RECEIVE_GUARD_S = 20.0
 """Wall time in which bytes that the bench says it has handed over must arrive."""
 WRITE_GUARD_S = 10.0
 READ_CHUNK_BYTES = 262_144
