@@ -58,7 +58,11 @@ def sentence_words(sentence: Sentence, language: str) -> str:
     if not sentence.template or "language" in sentence.values:
         return sentence.text
     try:
-        return say(sentence.template, language=language, **sentence.values)
+        values = {
+            name: operation_word(value, language) if name == "operation" else value
+            for name, value in sentence.values.items()
+        }
+        return say(sentence.template, language=language, **values)
     except (KeyError, IndexError, ValueError):
         return sentence.text
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from urllib.parse import urlsplit
 
 import pytest
-from conftest import ServedLine
 from imagined_line import small_line
 from playwright.sync_api import BrowserContext, Page, expect
+from served_line import ServedLine
 
 from protocol.outcomes import Outcome
 

@@ -124,6 +124,8 @@ def test_a_yield_below_one_is_never_shown_as_100_percent() -> None:
 
 def test_a_sentence_that_cannot_be_filled_in_stays_english() -> None:
     assert sentence_words(Sentence("in English", "{missing}", {"other": "x"}), "zh") == "in English"
+    words = Sentence("waits for functional", "waits for {operation}", {"operation": "functional"})
+    assert sentence_words(words, "zh") == "等待功能测试"
     assert sentence_words(Sentence("8 s", "{seconds} s", {"seconds": "8"}), "zh") == "8 秒"
 
 

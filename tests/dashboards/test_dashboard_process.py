@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from conftest import start_served_line, stop_served_line
+from served_line import start_served_line, stop_served_line
 
 from dashboards.server import run_dashboard
 from protocol.errors import TestloomError
