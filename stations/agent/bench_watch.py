@@ -16,6 +16,7 @@ from protocol.station_messages import SocketProgress
 from stations.drivers.arbitration import Arbitration
 from stations.interruptions import AbortFlag
 from stations.sequencing.runner import SequenceResult, SequenceRunner
+from stations.sequencing.safe_state import SafeState
 
 BENCH_WAIT_S = 60.0
 BENCH_POLL_S = 0.1
@@ -28,6 +29,8 @@ class Runner(Protocol):
     def run(
         self, plan: Plan, lease: Lease, on_progress: Callable[[SocketProgress], None], abort: AbortFlag
     ) -> SequenceResult: ...
+
+    def make_safe(self) -> SafeState: ...
 
     def close(self) -> None: ...
 

@@ -75,6 +75,7 @@ class SocketWorker:
         self._thread.join(JOIN_TIMEOUT_S)
 
     def _work(self) -> None:
+        self._make_safe()
         while (running := self._leases.get()) is not None:
             result = self._result(running)
             self._on_record(
@@ -87,6 +88,16 @@ class SocketWorker:
                     software_version=self._software_version,
                 )
             )
+
+    def _make_safe(self) -> None:
+        """An agent that was killed here may have left a unit under power, or a stand in motion."""
+        try:
+            safe = self._bench.runner(self._socket).make_safe()
+        except TestloomError as error:
+            _log.warning("socket_not_made_safe", socket=self._socket, problems=[str(error)])
+            return
+        if not safe.reached:
+            _log.warning("socket_not_made_safe", socket=self._socket, problems=safe.problems)
 
     def _result(self, running: RunningLease) -> SequenceResult:
         try:

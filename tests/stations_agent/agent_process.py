@@ -18,6 +18,7 @@ from stations.agent.shell import AgentSettings, run_agent
 from stations.drivers.arbitration import Arbitration
 from stations.interruptions import AbortFlag
 from stations.sequencing.runner import SequenceResult
+from stations.sequencing.safe_state import SafeState
 
 
 class StandInRunner:
@@ -42,6 +43,9 @@ class StandInRunner:
                 threading.Event().wait(0.01)
             outcome = Outcome.ABORTED
         return SequenceResult(outcome, fault, abort.reason, (), (), 1.0, True)
+
+    def make_safe(self) -> SafeState:
+        return SafeState(True, ())
 
     def close(self) -> None:
         pass

@@ -15,6 +15,7 @@ from stations.agent.bench_watch import BenchWatch, read_description
 from stations.drivers.arbitration import Arbitration
 from stations.interruptions import AbortFlag
 from stations.sequencing.runner import SequenceResult
+from stations.sequencing.safe_state import SafeState
 
 
 class StandInRunner:
@@ -26,6 +27,9 @@ class StandInRunner:
     def run(
         self, plan: Plan, lease: Lease, on_progress: Callable[[SocketProgress], None], abort: AbortFlag
     ) -> SequenceResult:
+        raise NotImplementedError
+
+    def make_safe(self) -> SafeState:
         raise NotImplementedError
 
     def close(self) -> None:
