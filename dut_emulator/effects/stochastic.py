@@ -6,13 +6,13 @@ Both are stationary from the first sample and do not depend on how a run is cut 
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, cast
+from typing import ClassVar
 
 import numpy as np
-from scipy.signal import lfilter  # pyright: ignore[reportUnknownVariableType, reportMissingTypeStubs]
 
 from dut_emulator.effects.deterministic import ZERO, Triple
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
+from dut_emulator.effects.first_order import first_order
 
 ALLAN_MAXIMUM_OF_GAUSS_MARKOV = 0.618
 """Largest Allan deviation of a first-order Gauss–Markov process in units of its standard deviation;
@@ -89,11 +89,7 @@ class BiasInstability:
             drive[1:] *= np.sqrt(1.0 - phi * phi)
             drive[0] *= np.sqrt(1.0 - first * first)
             memory = first * state.last
-        # lfilter's types say little; axis 0 is time
-        filtered = cast(
-            "tuple[Any, Any]", lfilter([1.0], [1.0, -phi], drive, axis=0, zi=memory[np.newaxis, :])
-        )
-        process: FloatArray = filtered[0]
+        process = first_order(drive, phi, memory)
         state.last = process[-1].copy()
         state.last_time_s = float(stimulus.time_s[-1])
         return samples + process * np.asarray(self.standard_deviation_si)
