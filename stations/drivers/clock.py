@@ -21,6 +21,8 @@ from stations.interruptions import StepTimeout
 MAX_WAIT_BENCH_S = 5.0
 """Longer waits are cut, so that a streaming link is drained on the way and not at the end."""
 WALL_POLL_S = 0.02
+UNCOUNTED_POLL_S = 0.005
+"""Bench time after which a port without counts (a pty) is looked at again."""
 TRANSFER_S = 0.05
 """On hardware, a byte that was sent is here after this."""
 
@@ -207,6 +209,8 @@ class LockstepClock(BranchClock):
         self._learn(self._control.request(Suspend()))
 
     def _wait(self, until_s: float, port: Any | None, seen: int) -> None:
+        if port is not None and not isinstance(port, LockstepPort):
+            until_s = min(until_s, self.now_s() + UNCOUNTED_POLL_S)
         expected_s = max(0.0, until_s - self.now_s()) / self._pace if self._pace else 0.0
         wake_above = {port.link: seen} if isinstance(port, LockstepPort) else {}
         request = Wait(until_s=until_s, written=self._links.written(), wake_above=wake_above)

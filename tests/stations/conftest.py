@@ -40,7 +40,13 @@ class ServedBench:
     """An emulated bench in a thread."""
 
     def __init__(
-        self, folder: Path, *, kind: str = "socket_board", pace: float = 0.0, port_base: int = 0
+        self,
+        folder: Path,
+        *,
+        kind: str = "socket_board",
+        pace: float = 0.0,
+        port_base: int = 0,
+        serial: str = "socket",
     ) -> None:
         configuration = BenchServerConfiguration(
             name="bench",
@@ -50,6 +56,7 @@ class ServedBench:
             seed=SEED,
             pace=pace,
             port_base=port_base,
+            serial=serial,
         )
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()

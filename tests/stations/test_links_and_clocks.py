@@ -9,7 +9,7 @@ import serial
 
 from dut_emulator.population import draw_unit
 from dut_emulator.unit_truth import Category
-from protocol.bench_control import BenchTime, Wait
+from protocol.bench_control import BenchTime, Insert, Remove, Wait
 from protocol.errors import Fault, LinkError
 from protocol.outcomes import Outcome
 from stations.drivers import arbitration, control_channel
@@ -19,8 +19,10 @@ from stations.drivers.control_channel import ControlChannel
 from stations.drivers.serial_port import open_port
 from stations.drivers.socket_bench import SocketBench
 from stations.interruptions import AbortFlag, SequenceAborted
+from stations.sequencing.runner import SequenceRunner
+from stations.sequencing.step_registry import bundled_plans
 
-from .conftest import SEED, ServedBench, floor_of
+from .conftest import SEED, ServedBench, floor_of, lease_of
 
 HEALTHY = next(
     serial
@@ -203,3 +205,26 @@ def test_paced_time_gives_the_same_verdict(tmp_path):
     served.close()
     assert result.outcome is Outcome.PASS, result.message
     assert result.safe_state
+
+
+def test_a_bench_as_hardware_offers_it(tmp_path):
+    """No control channel: serial devices, the wall clock, and a person who loads the socket."""
+    served = ServedBench(tmp_path, pace=1.0, serial="pty")
+    hand = ControlChannel(served.description.control or "", "person", observer=True)
+    asked: list[str] = []
+
+    def person(prompt: str) -> None:
+        asked.append(prompt)
+        hand.request(Insert(socket="1", serial=HEALTHY) if len(asked) == 1 else Remove(socket="1"))
+
+    hardware = served.description.model_copy(update={"control": None})
+    assert hardware.sockets[0].unit_link.startswith("/dev/")
+    runner = SequenceRunner(hardware, "1", Arbitration(hardware), tmp_path, ask_operator=person)
+    plan = bundled_plans()["functional"]
+    result = runner.run(plan, lease_of(plan, HEALTHY), lambda progress: None, AbortFlag())
+    runner.close()
+    hand.close()
+    served.close()
+    assert result.outcome is Outcome.PASS, result.message
+    assert result.safe_state
+    assert asked == [f"Put unit {HEALTHY} into socket 1.", "Take the unit out of socket 1."]
