@@ -24,16 +24,20 @@ def first_order(drive: FloatArray, phi: float, memory: FloatArray) -> FloatArray
         y, shape (n, k).
     """
     if len(drive) > SHORT_CHUNK:
-        from scipy.signal import lfilter  # pyright: ignore[reportUnknownVariableType]
+        from scipy.signal import lfilter  # pyright: ignore[reportUnknownVariableType, reportMissingTypeStubs]
 
         filtered = cast(
             "tuple[Any, Any]", lfilter([1.0], [1.0, -phi], drive, axis=0, zi=memory[np.newaxis, :])
         )
         return filtered[0]
+
+    def step(y: float, x: float) -> float:
+        return phi * y + x
+
     process = np.empty_like(drive)
     for column in range(drive.shape[1]):
         driven: list[float] = drive[:, column].tolist()
         if driven:
             driven[0] += float(memory[column])
-            process[:, column] = list(accumulate(driven, lambda y, x: phi * y + x))
+            process[:, column] = list(accumulate(driven, step))
     return process
