@@ -1,5 +1,6 @@
 """The bench as its description file says now: a bench that was restarted has other addresses."""
 
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -20,6 +21,9 @@ from stations.sequencing.safe_state import SafeState
 
 BENCH_WAIT_S = 60.0
 BENCH_POLL_S = 0.1
+BENCH_RETURN_S = 30.0
+"""A bench that died is started again within this; a sequence waits for it rather than being lost to it."""
+PROBE_TIMEOUT_S = 1.0
 MAX_DESCRIPTION_BYTES = 1_000_000
 
 
@@ -64,6 +68,18 @@ def read_description(path: Path) -> BenchDescription:
         raise _not_a_description(path, str(error)) from None
 
 
+def is_there(description: BenchDescription) -> bool:
+    """Whether the bench can be reached: an emulated one by its control channel; hardware tells by itself."""
+    if description.control is None:
+        return True
+    host, _, port = description.control.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), PROBE_TIMEOUT_S).close()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
 def await_description(path: Path, keep_waiting: Callable[[], bool]) -> BenchDescription:
     """The description, once a bench that is still starting has written it. Raises as above."""
     deadline = time.monotonic() + BENCH_WAIT_S
@@ -93,13 +109,17 @@ class BenchWatch:
         self._arbitration = Arbitration(description)
         self._runners: dict[str, tuple[BenchDescription, Runner]] = {}
 
-    def runner(self, socket: str) -> Runner:
+    def runner(self, socket: str, keep_waiting: Callable[[], bool] = lambda: True) -> Runner:
         """A runner for this socket on the bench as it is described now.
 
+        Args:
+            socket: of the bench.
+            keep_waiting: looked at while a bench that is away is waited for; False: not any longer.
+
         Raises:
-            TestloomError: the description cannot be read, or is that of another bench.
+            TestloomError: the bench is away, its description cannot be read, or is that of another bench.
         """
-        description = read_description(self._path)
+        description = self._present_description(keep_waiting)
         if description.bench_identity != self._identity:
             raise TestloomError(
                 f"The bench is '{description.bench_identity}' now; this station began on '{self._identity}'.",
@@ -119,6 +139,25 @@ class BenchWatch:
             runner = self._make_runner(description, socket, self._arbitration, self._recordings_dir)
             self._runners[socket] = (description, runner)
             return runner
+
+    def _present_description(self, keep_waiting: Callable[[], bool]) -> BenchDescription:
+        deadline = time.monotonic() + BENCH_RETURN_S
+        while True:
+            away: TestloomError | None = None
+            try:
+                description = read_description(self._path)
+                if is_there(description):
+                    return description
+            except TestloomError as error:
+                away = error
+            if time.monotonic() >= deadline or not keep_waiting():
+                raise away or TestloomError(
+                    f"The bench did not come back within {BENCH_RETURN_S:g} s.",
+                    where=str(self._path),
+                    fault=Fault.STATION,
+                    remedy="start the bench again; look into its log for why it ended.",
+                )
+            time.sleep(BENCH_POLL_S)
 
     def close(self) -> None:
         """Close every link."""

@@ -4,12 +4,13 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import structlog
 
 from protocol.attempts import AttemptRecord, Lease
 from protocol.errors import Fault, TestloomError
+from protocol.outcomes import Outcome
 from protocol.plans import Plan
 from protocol.station_messages import SocketProgress
 from stations.agent.bench_watch import BenchWatch
@@ -92,7 +93,7 @@ class SocketWorker:
     def _make_safe(self) -> None:
         """An agent that was killed here may have left a unit under power, or a stand in motion."""
         try:
-            safe = self._bench.runner(self._socket).make_safe()
+            safe = self._bench.runner(self._socket, lambda: self._leases.empty()).make_safe()
         except TestloomError as error:
             _log.warning("socket_not_made_safe", socket=self._socket, problems=[str(error)])
             return
@@ -101,12 +102,15 @@ class SocketWorker:
 
     def _result(self, running: RunningLease) -> SequenceResult:
         try:
-            runner = self._bench.runner(self._socket)
+            runner = self._bench.runner(self._socket, lambda: not running.abort.is_requested)
             plan = self._plans[running.lease.plan.sha256]
             return runner.run(plan, running.lease, self._on_progress, running.abort)
         except TestloomError as error:
             _log.error("sequence_not_started", attempt=running.lease.attempt_id, what=str(error))
-            return failed_result(error, safe_state=True)
+            result = failed_result(error, safe_state=True)
+            if running.abort.is_requested:
+                return replace(result, outcome=Outcome.ABORTED, message=running.abort.reason)
+            return result
         except Exception as error:  # noqa: BLE001 - an attempt leaves a record, whatever we did wrong
             _log.exception("sequence_broke", attempt=running.lease.attempt_id)
             mistake = TestloomError(

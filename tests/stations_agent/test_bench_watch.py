@@ -1,6 +1,7 @@
 """A bench that comes back with other addresses gets new runners; another bench gets none."""
 
 import json
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,13 +37,14 @@ class StandInRunner:
         self.closed = True
 
 
-def describe(path: Path, *, port: int, identity: str = "FIX-1") -> None:
+def describe(path: Path, *, port: int, identity: str = "FIX-1", control: str | None = None) -> None:
     path.write_text(
         json.dumps(
             {
                 "bench": "bench-1",
                 "bench_identity": identity,
                 "operations": ["functional"],
+                "control": control,
                 "sockets": [{"socket": name, "unit_link": f"socket://127.0.0.1:{port}"} for name in "12"],
                 "power_supply": "TCPIP::127.0.0.1::9::SOCKET",
                 "site": {"latitude_deg": 34.2, "gravity_m_s2": 9.797},
@@ -79,13 +81,35 @@ def test_another_bench_and_no_bench_are_refused_with_the_file(tmp_path: Path) ->
     watch = BenchWatch(path, read_description(path), tmp_path, StandInRunner)
     describe(path, port=1, identity="FIX-2")
     with pytest.raises(TestloomError, match="is 'FIX-2' now") as caught:
-        watch.runner("1")
+        watch.runner("1", lambda: False)
     assert caught.value.fault is Fault.STATION
     for content in ("{", "[]", '{"bench": 1}'):
         path.write_text(content)
         with pytest.raises(TestloomError, match="not the description of a bench") as caught:
-            watch.runner("1")
+            watch.runner("1", lambda: False)
         assert str(path) in caught.value.where
     path.unlink()
     with pytest.raises(TestloomError, match="cannot be read"):
-        watch.runner("1")
+        watch.runner("1", lambda: False)
+
+
+def test_a_bench_that_died_is_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stations.agent.bench_watch.BENCH_POLL_S", 0.001)
+    path = tmp_path / "bench.json"
+    with socket.create_server(("127.0.0.1", 0)) as reserved:
+        dead = f"127.0.0.1:{reserved.getsockname()[1]}"
+    describe(path, port=1, control=dead)
+    watch = BenchWatch(path, read_description(path), tmp_path, StandInRunner)
+    with pytest.raises(TestloomError, match="did not come back") as caught:
+        watch.runner("1", lambda: False)
+    assert caught.value.fault is Fault.STATION
+
+    with socket.create_server(("127.0.0.1", 0)) as alive:
+
+        def started_again() -> bool:
+            describe(path, port=2, control=f"127.0.0.1:{alive.getsockname()[1]}")
+            return True
+
+        runner = watch.runner("1", started_again)
+    assert isinstance(runner, StandInRunner)
+    assert runner.bench.sockets[0].unit_link.endswith(":2")

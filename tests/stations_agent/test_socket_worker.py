@@ -42,7 +42,7 @@ class ScriptedBench:
         self.end: queue.Queue[BaseException | None] = queue.Queue()
         self.gone = False
 
-    def runner(self, socket: str) -> "ScriptedBench":
+    def runner(self, socket: str, keep_waiting: Callable[[], bool]) -> "ScriptedBench":
         if self.gone:
             raise TestloomError("The bench is gone.", fault=Fault.STATION)
         return self
