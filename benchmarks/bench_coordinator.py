@@ -197,19 +197,23 @@ def _dask_tasks_per_s(workers: int, tasks: int) -> float | None:
 
 
 def _durable_rows() -> list[Row]:
-    with tempfile.TemporaryDirectory(prefix="testloom-bench-") as folder:
-        ours, parsing, payload_bytes = _durable_results(Path(folder))
-        plain = _plain_commits(Path(folder), payload_bytes)
+    rounds: list[tuple[float, float, float]] = []
+    for _ in range(ROUNDS):  # side by side: other programs use the disk too
+        with tempfile.TemporaryDirectory(prefix="testloom-bench-") as folder:
+            rate, share, payloads = _durable_results(Path(folder))
+            rounds.append((rate, share, _plain_commits(Path(folder), payloads)))
+    ours, parsing, plain = (statistics.median(column) for column in zip(*rounds, strict=True))
+    ratio = statistics.median(rate / plain_rate for rate, _, plain_rate in rounds)
     beside = f"plain SQLite commits of the same bytes, same run: {plain:,.0f}/s"
     return [
         _row("results acknowledged durably", ours, "1/s", "information", None, beside),
         _row("share of it for parsing and checking", parsing, "", "information", None, "pydantic, strict"),
         _row(
             "durable results against plain SQLite",
-            ours / plain,
+            ratio,
             "×",
             DURABLE_GOAL,
-            ours / plain >= DURABLE_GOAL,
+            ratio >= DURABLE_GOAL,
             beside,
         ),
     ]

@@ -14,6 +14,8 @@ from protocol.errors import Fault, TestloomError
 
 BUSY_TIMEOUT_MS = 2_000
 CONNECT_TIMEOUT_S = 5
+CHECKPOINT_PAGES = 4_000
+"""SQLite moves its log into the database when it has so many pages: 16 MB, about 1,000 records."""
 
 
 class StoreUnavailableError(TestloomError):
@@ -139,5 +141,6 @@ def _set_pragmas(connection: object, _entry: ConnectionPoolEntry) -> None:
         cursor.execute(f"PRAGMA busy_timeout={BUSY_TIMEOUT_MS}")
         cursor.execute("PRAGMA journal_mode=WAL")
         cursor.execute("PRAGMA synchronous=FULL")
+        cursor.execute(f"PRAGMA wal_autocheckpoint={CHECKPOINT_PAGES}")
     finally:
         cursor.close()
