@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from protocol.line_views import LineStatus
+from protocol.measurements import MeasurementSpecification
 from protocol.outcomes import Disposition
 from protocol.plans import Plan
 
@@ -99,7 +100,8 @@ def summarise(
 def stated_risk(plans: Iterable[Plan]) -> dict[str, float]:
     """The largest risk that the plans' limits and stated uncertainties allow, for one unit.
 
-    consumer: a unit whose quantity lies half a limit's width beyond the limit passes one attempt.
+    consumer: a unit whose quantity lies half a limit's width beyond the limit passes in one of its two
+    attempts (where one side is open, the limit's own size counts as its width).
     producer: a unit one standard uncertainty inside a limit fails twice in a row, and is rejected.
     Both for a normal error of measurement (JCGM 106:2012, clause 7.3), each quantity by itself.
     """
@@ -107,15 +109,22 @@ def stated_risk(plans: Iterable[Plan]) -> dict[str, float]:
     producer = 0.0
     for plan in plans:
         for step in plan.steps():
-            for m in step.measurements:
-                if not m.standard_uncertainty or m.low is None or m.high is None:
+            for specification in step.measurements:
+                width = _width(specification)
+                if not specification.standard_uncertainty or width is None:
                     continue
-                beyond = 0.5 * (m.high - m.low) / m.standard_uncertainty
-                # Two attempts: rejected only if both fail, so either one passing lets it through.
-                passes_once = _normal_tail(beyond)
+                passes_once = _normal_tail(0.5 * width / specification.standard_uncertainty)
                 consumer = max(consumer, 1 - (1 - passes_once) ** 2)
                 producer = max(producer, _normal_tail(1.0) ** 2)
     return {"consumer": consumer, "producer": producer}
+
+
+def _width(specification: MeasurementSpecification) -> float | None:
+    low, high = specification.low, specification.high
+    if low is not None and high is not None:
+        return high - low
+    limit = high if low is None else low
+    return None if limit is None else abs(limit)
 
 
 def _normal_tail(z: float) -> float:

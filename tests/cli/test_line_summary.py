@@ -88,3 +88,15 @@ def test_the_stated_risk_is_the_normal_tail() -> None:
     tail_2 = 0.5 * math.erfc(2 / math.sqrt(2))  # half of the limits' width, 1 V, is two uncertainties
     assert risk["consumer"] == pytest.approx(1 - (1 - tail_2) ** 2)
     assert risk["producer"] == pytest.approx(0.158655**2, rel=1e-4)
+
+
+def test_a_limit_open_to_one_side_is_as_wide_as_it_is_large() -> None:
+    plan = Plan.model_validate_json(
+        """{"format": "testloom-plan/1", "name": "p", "version": "1.0.0", "product": "x", "operation": "o",
+        "deadline_s": 1, "sequence": {"main": [{"step": "a", "timeout_s": 1, "measurements": [
+        {"name": "m", "unit": "V", "high": 3, "standard_uncertainty": 1.5},
+        {"name": "n", "unit": "V", "low": 3}]}],
+        "teardown": [{"step": "z", "timeout_s": 1}]}}"""
+    )
+    tail_1 = 0.158655  # half of 3 V is one uncertainty of 1.5 V
+    assert stated_risk([plan])["consumer"] == pytest.approx(1 - (1 - tail_1) ** 2, rel=1e-4)
