@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from coordinator.core.state_tables import DOCUMENT, with_tables
+from coordinator.state_tables import DOCUMENT, with_tables
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_document_shows_the_present_tables() -> None:
     document = (ROOT / DOCUMENT).read_text(encoding="utf-8")
-    assert document == with_tables(document), "run: python -m coordinator.core.state_tables"
+    assert document == with_tables(document), "run: python -m coordinator.state_tables"
     assert "| AT_STATION | `passed_last` | FINISHED |" in document
     assert "    LAPSED --> [*]" in document
