@@ -3,13 +3,19 @@
 import sys
 
 import structlog
+from structlog.typing import EventDict, WrappedLogger
 
 
 def configure_logs(line: str, station: str) -> None:
-    """Log as JSON from now on, each line with the line's and the station's name."""
+    """Log as JSON from now on, on every thread, each line with the line's and the station's name."""
+
+    def named(logger: WrappedLogger, method: str, event: EventDict) -> EventDict:
+        del logger, method
+        return {**event, "line": line, "station": station}
+
     structlog.configure(
         processors=[
-            structlog.contextvars.merge_contextvars,
+            named,
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
@@ -19,5 +25,3 @@ def configure_logs(line: str, station: str) -> None:
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
         cache_logger_on_first_use=False,
     )
-    structlog.contextvars.clear_contextvars()
-    structlog.contextvars.bind_contextvars(line=line, station=station)

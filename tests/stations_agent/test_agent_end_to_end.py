@@ -232,7 +232,9 @@ def test_a_second_station_of_the_same_name_leaves_with_code_3_and_says_why(
     coordinator.refuse_with = "the station st-1 is on the bench FIX-9"
     with agent(endpoint, folder) as process:
         assert process.wait(WAIT_S) == 3
-        assert any(line.get("text") == coordinator.refuse_with for line in log_of(process))
+        lines = log_of(process)
+        assert any(line.get("text") == coordinator.refuse_with for line in lines)
+        assert {(line["line"], line["station"]) for line in lines} == {("test", "st-1")}
 
 
 def test_a_disk_that_refuses_keeps_the_record_in_the_agent_until_it_takes_it(
