@@ -85,6 +85,11 @@ class AgentCore:
         """Sequence number → attempt id of the records that the spool keeps."""
         return self._spooled
 
+    @property
+    def unspooled(self) -> tuple[AttemptRecord, ...]:
+        """Records that the spool could not take yet: they are here and nowhere else."""
+        return tuple(held.record for held in self._held.values() if held.record is not None)
+
     def handle(self, event: on.Event) -> list[on.Command]:
         """What the shell has to do now, in this order."""
         match event:
@@ -306,7 +311,7 @@ class AgentCore:
         if timer == SPOOL:
             if not self._spool_alarm:
                 return []
-            records = [held.record for held in self._held.values() if held.record is not None]
+            records = self.unspooled
             if not records:
                 self._spool_alarm = ""  # the next lease's trace will show whether there is room again
             return [on.SpoolRecord(record) for record in records]

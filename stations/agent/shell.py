@@ -292,6 +292,10 @@ class AgentShell:
             case on.RaiseAlarm(alarm, text):
                 self._raise_alarm(alarm, text)
             case on.Leave(exit_code, why):
+                for (
+                    record
+                ) in self._core.unspooled:  # the log is its last resort; its trace stays in the spool
+                    _log.error("record_not_spooled", record=record.model_dump(mode="json"))
                 _log.info(
                     "agent_leaves",
                     exit_code=exit_code,

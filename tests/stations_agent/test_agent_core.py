@@ -173,6 +173,7 @@ def test_a_full_spool_keeps_the_record_refuses_leases_and_recovers() -> None:
     assert alarm.text == "disk full"
     assert only(agent.handle(on.SpoolFailed("a-5", "disk full")), on.RaiseAlarm) == []  # said once
     assert reason(start(agent, lease(6, "2", "U-2"))) == "stopping"
+    assert agent.unspooled == (ended,)
     assert agent.held == (lease(5),)  # its lease is renewed until the record is safe
     assert agent.handle(on.TimerExpired("spool")) == [on.SpoolRecord(ended)]
     assert only(agent.handle(on.RecordSpooled("a-5", 1)), on.Submit) == [on.Submit((1,))]
