@@ -123,7 +123,7 @@ class GncModuleLink:
                 done = self._await(FrameType.SELF_TEST, sequences, timeout_s, _DONE)
                 if done is not None:
                     return self._values(test, argument, done[1])
-            raise self.no_answer(f"self-test {test.name}")
+            raise self.no_answer(f"self-test {test.name}, asked {MAX_TRIES} times")
         finally:
             self._exchange.close_mailboxes(FrameType.SELF_TEST, sequences)
 
@@ -224,7 +224,7 @@ class GncModuleLink:
                 if answer[0] is not ReplyStatus.DONE:
                     raise self._refused(frame_type.name, answer[0])
                 return answer[1]
-            raise self.no_answer(frame_type.name)
+            raise self.no_answer(f"{frame_type.name}, asked {MAX_TRIES} times")
         finally:
             self._exchange.close_mailboxes(frame_type, sequences)
 
@@ -287,14 +287,14 @@ class GncModuleLink:
         damaged = health.frames.crc_errors > 0 or health.frames.dropped_bytes > 0
         if damaged:
             return LinkError(
-                f"{what}: no intact answer after {MAX_TRIES} tries, but damaged bytes ({story[0]}).",
+                f"No intact answer to {what}, but damaged bytes ({story[0]}).",
                 where=self._exchange.where,
                 fault=Fault.FIXTURE,
                 remedy="check the socket's RS-422 contacts and cable; a retest on another socket tells.",
                 story=story,
             )
         return LinkTimeoutError(
-            f"{what}: no answer after {MAX_TRIES} tries ({story[0]}).",
+            f"No answer to {what} ({story[0]}).",
             where=self._exchange.where,
             fault=Fault.UNIT,
             remedy="look at the unit's current and boot; a retest on another socket tells.",

@@ -20,8 +20,9 @@ def boot_and_identify(context: StepContext) -> None:
     powered_on_s = context.values.get(POWERED_ON_S)
     since_s = powered_on_s if isinstance(powered_on_s, float) else context.clock.now_s()
     context.clock.sleep_until(since_s + BOOT_DURATION_S)
-    if not context.unit.answers_within(since_s + context.number("answer_within_s")):
-        raise context.unit.no_answer("IDENTIFY after power-on")
+    within_s = context.number("answer_within_s")
+    if not context.unit.answers_within(since_s + within_s):
+        raise context.unit.no_answer(f"IDENTIFY within {within_s:g} s of power-on")
     if context.declares("boot_duration"):
         context.measure("boot_duration", context.clock.now_s() - since_s)
     said = context.unit.identify()
