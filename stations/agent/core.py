@@ -19,7 +19,7 @@ coordinator's to say, by the fence.
 
 from collections.abc import Iterable, Mapping
 
-from protocol.attempts import Lease
+from protocol.attempts import AttemptRecord, Lease
 from protocol.station_messages import (
     MAX_RECORDS_PER_SUBMISSION,
     AbortSequence,

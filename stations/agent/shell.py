@@ -292,17 +292,14 @@ class AgentShell:
             case on.RaiseAlarm(alarm, text):
                 self._raise_alarm(alarm, text)
             case on.Leave(exit_code, why):
-                for (
-                    record
-                ) in self._core.unspooled:  # the log is its last resort; its trace stays in the spool
-                    _log.error("record_not_spooled", record=record.model_dump(mode="json"))
-                _log.info(
-                    "agent_leaves",
-                    exit_code=exit_code,
-                    why=why,
-                    unacknowledged=len(self._core.unacknowledged),
-                )
-                self._exit_code = exit_code
+                self._leave(exit_code, why)
+
+    def _leave(self, exit_code: int, why: str) -> None:
+        for record in self._core.unspooled:  # the log is its last resort; its trace stays in the spool
+            _log.error("record_not_spooled", record=record.model_dump(mode="json"))
+        waiting = len(self._core.unacknowledged)
+        _log.info("agent_leaves", exit_code=exit_code, why=why, unacknowledged=waiting)
+        self._exit_code = exit_code
 
     def _spooling(self, command: on.WriteTrace | on.SpoolRecord | on.DropRecords) -> on.Event:
         """Work on the spool, and how it went."""
