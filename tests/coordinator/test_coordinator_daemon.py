@@ -131,6 +131,22 @@ def test_a_killed_coordinator_knows_everything_it_acknowledged(fabric: Fabric, r
     assert events == ["line_taken_up", "serving", "stopped"]
 
 
+def test_the_command_line_orders_and_says_what_it_does_not_know(fabric: Fabric) -> None:
+    fabric.start_coordinator()
+    fabric.ask("request", GetYield(), "cli")
+
+    def testloom(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "cli.main", *arguments, "--line", "L1", "--router", fabric.endpoint]
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
+
+    assert json.loads(testloom("order", "--serials", "GM-1,GM-2", "--json").stdout)["accepted"] == 2
+    assert json.loads(testloom("unit", "GM-1", "--json").stdout)["status"]["queue_position"] == 1
+    unknown = testloom("unit", "GM-9")
+    assert unknown.returncode == 1
+    assert "'GM-9' is not known" in unknown.stderr
+    assert "Traceback" not in unknown.stderr
+
+
 def test_a_second_coordinator_makes_the_first_stop_and_say_why(fabric: Fabric) -> None:
     first = fabric.start_coordinator()
     fabric.ask("request", GetYield(), "cli")
