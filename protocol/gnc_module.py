@@ -122,6 +122,14 @@ GNSS_ANTENNA_LATITUDE_DEG, GNSS_ANTENNA_LONGITUDE_DEG, GNSS_ANTENNA_HEIGHT_M = 3
 """The surveyed roof antenna whose signal is repeated to the sockets of a functional bench: units in
 all sockets fix its position, not their own."""
 TEMPERATURE_LSB_C = 0.01
+GYRO_BIAS_INSTABILITY_DEG_H = 6.5
+GYRO_TURN_ON_REPEATABILITY_DEG_H = 2.9
+ACC_BIAS_INSTABILITY_MG = 0.126
+ACC_TURN_ON_REPEATABILITY_MG = 0.039
+# Means of the five units of paper 1, Table 2 (bias stability over 1 h, repeatability of six runs).
+BIAS_INSTABILITY_UNIT_SPREAD = 0.4
+"""Standard deviation of the logarithm over the same five units."""
+BIAS_CORRELATION_TIME_S = 300.0
 STREAM_RATES_HZ = (50, 100, 200, 400)
 
 SAMPLE_DTYPE = np.dtype(

@@ -10,10 +10,16 @@ from protocol.attempts import UnitIdentity
 from protocol.bench_description import Site
 from protocol.errors import Fault, LinkError
 from protocol.gnc_module import (
+    ACC_BIAS_INSTABILITY_MG,
     ACC_LSB_G,
     ACC_RANGE_G,
+    ACC_TURN_ON_REPEATABILITY_MG,
+    BIAS_CORRELATION_TIME_S,
+    BIAS_INSTABILITY_UNIT_SPREAD,
+    GYRO_BIAS_INSTABILITY_DEG_H,
     GYRO_LSB_DEG_S,
     GYRO_RANGE_DEG_S,
+    GYRO_TURN_ON_REPEATABILITY_DEG_H,
     TEMPERATURE_LSB_C,
 )
 from protocol.recordings import Recording, Stream
@@ -155,10 +161,29 @@ def session_recording(
         stand={"kind": "three_axis_turntable"},
         site=site.model_dump(),
         believed={
-            "gyro": {"unit": "deg/s", "range": GYRO_RANGE_DEG_S, "quantum": GYRO_LSB_DEG_S},
-            "acc": {"unit": "g", "range": ACC_RANGE_G, "quantum": ACC_LSB_G},
+            "gyro": {
+                **{"unit": "deg/s", "range": GYRO_RANGE_DEG_S, "quantum": GYRO_LSB_DEG_S},
+                **_slow_noise(GYRO_BIAS_INSTABILITY_DEG_H, GYRO_TURN_ON_REPEATABILITY_DEG_H, "deg/h"),
+            },
+            "acc": {
+                **{"unit": "g", "range": ACC_RANGE_G, "quantum": ACC_LSB_G},
+                **_slow_noise(ACC_BIAS_INSTABILITY_MG, ACC_TURN_ON_REPEATABILITY_MG, "mg"),
+            },
         },
     )
+
+
+def _slow_noise(instability: float, turn_on: float, unit: str) -> dict[str, Any]:
+    """What the product is known to do more slowly than a session of minutes can show."""
+    return {
+        "bias_instability": {
+            "value": instability,
+            "unit": unit,
+            "unit_spread": BIAS_INSTABILITY_UNIT_SPREAD,
+            "correlation_time_s": BIAS_CORRELATION_TIME_S,
+        },
+        "turn_on_repeatability": {"value": turn_on, "unit": unit},
+    }
 
 
 def _alignment(captures: Sequence[Capture]) -> tuple[ClockAlignment, dict[str, float]]:

@@ -116,7 +116,7 @@ def response(ctx: StepContext) -> None:
 def coefficients(ctx: StepContext) -> None:
     """Coefficients of both triads in y = M u + b, raw: what the manufacturing of the unit gave."""
     from calibration.imu_session import calibrate_imu
-    from calibration.recorded import sensor_range
+    from calibration.sensor_knowledge import sensor_range, slow_noise
 
     session = _carried(ctx, _SESSION, StandSession)
     recording = _carried(ctx, _RECORDING, Recording)
@@ -125,6 +125,8 @@ def coefficients(ctx: StepContext) -> None:
         session.rotations(),
         gyro_range_rad_s=sensor_range(recording, "gyro"),
         acc_range_m_s2=sensor_range(recording, "acc"),
+        gyro_slow_noise=slow_noise(recording, "gyro"),
+        acc_slow_noise=slow_noise(recording, "acc"),
     )
     ctx.values[_CALIBRATION] = found
     residuals = (found.gyro_residuals_rad_s, found.acc_residuals_m_s2)

@@ -65,7 +65,7 @@ def _deviations(fitted: TriadCoefficients, truth: TriadTruth, self_heating_c: fl
             / fitted.scale_factor_standard_uncertainty(),
             ((fitted.cross_coupling() - truth.misalignment_rad)[off_diagonal])
             / fitted.cross_coupling_standard_uncertainty()[off_diagonal],
-            (fitted.bias - bias) / np.hypot(fitted.bias_standard_uncertainty(), truth.turn_on_deviation_si),
+            (fitted.bias - bias) / fitted.bias_standard_uncertainty(),
         ]
     )
 
