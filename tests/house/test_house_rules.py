@@ -14,6 +14,8 @@ PACKAGES = (
 )
 SOURCES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 FORBIDDEN_NAMES = re.compile(r"(^|_)(utils?|manager|helpers?|misc)(_|$)")
+OTHER_NAMES_IN_CHINESE = ("工位", "测试座", "台架", "报警", "良率", "调度器")
+"""Words for what is called 测试站, 插座, 测试台, 告警, 合格率, 协调器 here."""
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
 
@@ -58,6 +60,22 @@ def test_a_translation_has_the_fields_of_its_template(package: str) -> None:
     }
     assert not wrong
     assert list(catalogue) == sorted(catalogue), "keep the catalogue sorted"
+
+
+def test_a_thing_has_one_name_in_chinese() -> None:
+    translations: dict[str, set[str]] = {}
+    for package in PACKAGES:
+        for english, chinese in _catalogue(package).items():
+            translations.setdefault(english, set()).add(chinese)
+    assert [english for english, chinese in translations.items() if len(chinese) > 1] == []
+    strange = [
+        f"{word}: {chinese}"
+        for word in OTHER_NAMES_IN_CHINESE
+        for several in translations.values()
+        for chinese in several
+        if word in chinese
+    ]
+    assert not strange, "\n".join(strange)
 
 
 def test_files_and_functions_stay_readable() -> None:
