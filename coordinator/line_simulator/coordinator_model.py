@@ -95,6 +95,11 @@ class CoordinatorModel:
         )
         self.receive(started, None)
 
+    @property
+    def at_rest(self) -> bool:
+        """Nothing handled waits for its commit."""
+        return self.core is not None and not self._busy
+
     def replayed(self) -> CoordinatorCore:
         """A core that knows what the journal knows."""
         core = CoordinatorCore()

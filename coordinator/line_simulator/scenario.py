@@ -248,6 +248,7 @@ class Scenario:
         core = self.coordinator.core
         return (
             core is not None
+            and self.coordinator.at_rest
             and len(core.line.units) == len(self.units)
             and core.line.unfinished == 0
             and self.world.now_s > CHAOS_S
