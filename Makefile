@@ -17,6 +17,7 @@ setup: $(STAMP)
 
 # uv where it is installed (seconds), else venv and pip with the same hashed versions (a minute or two).
 $(STAMP): pyproject.toml requirements.lock
+	@echo "Setting up .venv: seconds with uv, a few minutes with pip; this happens once."
 	@if command -v uv >/dev/null 2>&1; then \
 		uv sync --frozen --python 3.11; \
 	else \
