@@ -10,9 +10,10 @@ from cli.line_summary import KeptRecord, Ledger, Truth, summarise
 from coordinator.store.tables import ATTEMPTS
 from dut_emulator.population import truth_table
 from protocol.line_views import LineStatus
+from protocol.outcomes import Outcome
 from protocol.routes import GNC_MODULE_ROUTE
 from stations.sequencing.step_registry import bundled_plans
-from stations.spool import records_made
+from stations.spool import leases_ended, records_made
 
 
 def audited_summary(
@@ -25,16 +26,40 @@ def audited_summary(
     ]
     operations = {operation.name for operation in GNC_MODULE_ROUTE.operations}
     plans = [plan for name, plan in bundled_plans().items() if name in operations]
-    summary = summarise(status, truths, _ledger(layout), plans, wall_s)
+    summary = summarise(status, truths, _ledger(layout), GNC_MODULE_ROUTE, plans, wall_s)
     return summary, {truth.serial: truth for truth in truths}
 
 
 def _ledger(layout: LineLayout) -> Ledger:
-    made = {station: records_made(layout.spool(station)) for station in layout.stations()}
+    columns = ATTEMPTS.c
+    question = select(
+        columns.attempt_id,
+        columns.station,
+        columns.fence,
+        columns.serial,
+        columns.operation,
+        columns.outcome,
+        columns.set_aside,
+    )
     engine = create_engine(layout.database_url)
     try:
         with engine.connect() as connection:
-            rows = connection.execute(select(ATTEMPTS.c.attempt_id, ATTEMPTS.c.station)).all()
+            rows = connection.execute(question).all()
     finally:
         engine.dispose()
-    return Ledger(made=made, kept=[KeptRecord(row.attempt_id, row.station) for row in rows])
+    return Ledger(
+        made={station: records_made(layout.spool(station)) for station in layout.stations()},
+        ended={station: leases_ended(layout.spool(station)) for station in layout.stations()},
+        kept=[
+            KeptRecord(
+                attempt_id=row.attempt_id,
+                station=row.station,
+                fence=row.fence,
+                serial=row.serial,
+                operation=row.operation,
+                outcome=Outcome(row.outcome),
+                counted=not row.set_aside,
+            )
+            for row in rows
+        ],
+    )

@@ -6,14 +6,15 @@ they ever made, the database says which of them are kept.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any
 
 from protocol.line_views import LineStatus
 from protocol.measurements import MeasurementSpecification
-from protocol.outcomes import Disposition
+from protocol.outcomes import Disposition, Outcome
 from protocol.plans import Plan
+from protocol.routes import Route
 
 REJECTED = (Disposition.SCRAP, Disposition.REWORK, Disposition.QUARANTINE)
 
@@ -29,39 +30,80 @@ class Truth:
 
 @dataclass(frozen=True)
 class KeptRecord:
-    """An attempt's record as found in the database."""
+    """An attempt's record as found in the database. `counted`: not set aside."""
 
     attempt_id: str
     station: str
+    fence: int
+    serial: str
+    operation: str
+    outcome: Outcome
+    counted: bool = True
 
 
 @dataclass(frozen=True)
 class Ledger:
-    """Records made, by station (from the spools), and records kept (from the database)."""
+    """What the spools say was done, and what the database kept of it.
+
+    Attributes:
+        made: by station, how many records it ever put into its spool.
+        ended: by station, the fences of the leases that it began and made a record of.
+        kept: the records in the database.
+    """
 
     made: Mapping[str, int]
+    ended: Mapping[str, Set[int]]
     kept: Sequence[KeptRecord]
 
     def lost(self) -> int:
         """Records that a station made and the database does not have.
 
         A station numbers its records without a gap and makes one an attempt, so that counting
-        distinct attempts by station finds each loss.
+        distinct attempts by station finds each loss; the fences find one that another record covers up.
         """
-        kept = Counter(station for station, _ in {(r.station, r.attempt_id) for r in self.kept})
-        return sum(max(0, made - kept[station]) for station, made in self.made.items())
+        kept = self._kept_by_station()
+        fences = {(record.station, record.fence) for record in self.kept}
+        total = 0
+        for station in {*self.made, *self.ended}:
+            fewer = self.made.get(station, 0) - kept[station]
+            unknown = [fence for fence in self.ended.get(station, ()) if (station, fence) not in fences]
+            total += max(fewer, len(unknown), 0)
+        return total
 
     def duplicated(self) -> int:
-        """Attempts that the database has more than once."""
-        return len(self.kept) - len({record.attempt_id for record in self.kept})
+        """Attempts that the database has more than once, and records that no station ever made."""
+        kept = self._kept_by_station()
+        copies = len(self.kept) - len({record.attempt_id for record in self.kept})
+        return copies + sum(max(0, count - self.made.get(station, 0)) for station, count in kept.items())
+
+    def supports(self, serial: str, disposition: Disposition, route: Route) -> bool:
+        """Whether a unit's disposition follows from its records: shipped on exactly one PASS of every
+        operation, scrapped on as many failures of one as the route asks for."""
+        own = [record for record in self.kept if record.serial == serial and record.counted]
+        passes = Counter(record.operation for record in own if record.outcome is Outcome.PASS)
+        others = Counter(record.operation for record in own if record.outcome is not Outcome.PASS)
+        if disposition is Disposition.SHIP:
+            return passes == Counter(operation.name for operation in route.operations)
+        if disposition in (Disposition.SCRAP, Disposition.REWORK):
+            return any(others[o.name] >= o.max_attempts_failed for o in route.operations)
+        return True  # lapsed leases leave no record: a unit may be set aside without one
+
+    def _kept_by_station(self) -> Counter[str]:
+        return Counter(station for station, _ in {(r.station, r.attempt_id) for r in self.kept})
 
 
 def summarise(
-    status: LineStatus, truths: Sequence[Truth], ledger: Ledger, plans: Iterable[Plan], wall_s: float
+    status: LineStatus,
+    truths: Sequence[Truth],
+    ledger: Ledger,
+    route: Route,
+    plans: Iterable[Plan],
+    wall_s: float,
 ) -> dict[str, Any]:
     """The summary of a run, as `--summary` writes it.
 
-    A unit without a final disposition counts as lost, like a record that did not arrive.
+    A unit without a final disposition counts as lost, like a record that did not arrive. A unit whose
+    disposition does not follow from the records kept is `unsupported`.
     """
     dispositions = {view.unit.serial: view.disposition for view in status.units}
     finished = {Disposition.SHIP, *REJECTED}
@@ -92,6 +134,7 @@ def summarise(
             "stated_risk": stated_risk(plans),
         },
         "unfinished": unfinished,
+        "unsupported": sorted(s for s, d in dispositions.items() if not ledger.supports(s, d, route)),
         "set_aside": status.records_set_aside,
         "wall_s": round(wall_s, 3),
     }

@@ -65,7 +65,7 @@ def up(
         summary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     if as_json:
         typer.echo(json.dumps(result, ensure_ascii=False))
-    if result["lost"] or result["duplicated"] or result["unfinished"]:
+    if any(result[key] for key in ("lost", "duplicated", "unfinished", "unsupported")):
         raise typer.Exit(1)
 
 

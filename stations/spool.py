@@ -275,12 +275,13 @@ class Spool:
 
 
 def unacknowledged_count(path: Path) -> int:
-    """Records in a spool that the coordinator has not acknowledged, for somebody who only looks.
+    """Records in a spool that the coordinator has not acknowledged, and attempts that are still to
+    leave theirs, for somebody who only looks.
 
     Raises:
         SpoolError: the file is there and cannot be read.
     """
-    return _look(path, "SELECT count(*) FROM records")
+    return _look(path, "SELECT (SELECT count(*) FROM records) + (SELECT count(*) FROM attempts_open)")
 
 
 def records_made(path: Path) -> int:
@@ -288,16 +289,34 @@ def records_made(path: Path) -> int:
     return _look(path, "SELECT max(next_number) - 1 FROM spool")
 
 
+def leases_ended(path: Path) -> frozenset[int]:
+    """Fences of the newest leases that a station began and has a record of; each has to be kept
+    somewhere. A lease whose trace is still open is not among them: its agent closes it when it starts
+    again. Raises as above."""
+    rows = _rows(
+        path,
+        "SELECT fence FROM fences WHERE fence NOT IN"
+        " (SELECT json_extract(lease, '$.fence') FROM attempts_open)",
+    )
+    return frozenset(row[0] for row in rows)
+
+
 def _look(path: Path, question: str) -> int:
+    rows = _rows(path, question)
+    return int(rows[0][0] or 0) if rows else 0
+
+
+def _rows(path: Path, question: str) -> list[tuple[int, ...]]:
+    """The answer of a spool; none if there is no spool."""
     if not path.exists():
-        return 0
+        return []
     try:
         with closing(sqlite3.connect(path, timeout=BUSY_TIMEOUT_S)) as database:
             database.execute("PRAGMA query_only = ON")
-            return int(database.execute(question).fetchone()[0] or 0)
+            return database.execute(question).fetchall()
     except sqlite3.DatabaseError as error:
         if "no such table" in str(error):  # its agent is just making it
-            return 0
+            return []
         raise SpoolError(
             f"The spool cannot be read ({error}).",
             where=str(path),

@@ -42,8 +42,7 @@ class LineResult:
         if not self.summary:
             return [f"the line did not finish (exit code {self.exit_code}); see {self.folder}"]
         wrong = [f"{key} = {self.summary[key]}" for key in ("lost", "duplicated") if self.summary[key]]
-        if self.summary["unfinished"]:
-            wrong.append(f"unfinished: {self.summary['unfinished']}")
+        wrong += [f"{key}: {self.summary[key]}" for key in ("unfinished", "unsupported") if self.summary[key]]
         return wrong
 
 

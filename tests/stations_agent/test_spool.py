@@ -19,6 +19,7 @@ from stations.spool import (
     SpoolUnwritableError,
     aborted_record,
     close_interrupted,
+    leases_ended,
     records_made,
     unacknowledged_count,
 )
@@ -195,3 +196,16 @@ def _kill_a_writer(path: Path, first_fence: int, *, after_lines: int) -> list[tu
     assert lines[0] == "ready\n"
     said = [line.split() for line in lines[1:] if line.endswith("\n")]
     return [(words[0], int(words[1]), int(words[2]) if len(words) > 2 else 0) for words in said]
+
+
+def test_somebody_who_looks_sees_what_is_still_to_come_and_what_has_ended(path: Path) -> None:
+    assert (unacknowledged_count(path), leases_ended(path)) == (0, frozenset())  # no spool yet
+    spool = Spool(path, OWNER)
+    for fence in (1, 2, 3):
+        spool.open_attempt(lease(fence), 0.0, 1)
+    for fence in (1, 2):
+        spool.add(record(fence))
+    spool.drop(["a-1"])
+    assert unacknowledged_count(path) == 2  # record 2, and the record that lease 3 will leave
+    assert leases_ended(path) == {1, 2}
+    spool.close()
