@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -46,7 +46,12 @@ class LineClient:
 
 
 @contextmanager
-def line_client(line: str, endpoint: str, patience_s: float = ANSWER_TIMEOUT_S) -> Iterator[LineClient]:
-    """A client of the line for the length of a block."""
-    with open_link(endpoint, give_up_after_s=patience_s) as link:
+def line_client(
+    line: str,
+    endpoint: str,
+    patience_s: float = ANSWER_TIMEOUT_S,
+    keep_trying: Callable[[], bool] = lambda: True,
+) -> Iterator[LineClient]:
+    """A client of the line for the length of a block; `keep_trying` as for `open_link`."""
+    with open_link(endpoint, give_up_after_s=patience_s, keep_trying=keep_trying) as link:
         yield LineClient(link, line)

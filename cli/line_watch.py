@@ -127,7 +127,11 @@ class LineWatch:
 
     @contextmanager
     def _client(self, timeout_s: float) -> Iterator[LineClient]:
-        with line_client(self._layout.line, self._layout.router_endpoint, timeout_s) as client:
+        def tended() -> bool:  # the router may be the one that has died
+            self._tend()
+            return True
+
+        with line_client(self._layout.line, self._layout.router_endpoint, timeout_s, tended) as client:
             yield client
 
     def _ask_until_answered(self, ask: Callable[[], object], timeout_s: float) -> None:

@@ -95,6 +95,10 @@ class ProcessGroup:
                 self._write_table()
         return story
 
+    def pids(self) -> dict[str, int]:
+        """The process that runs now under each name, or ran last."""
+        return {r.specification.name: r.process.pid for r in self._running}
+
     def restarts(self) -> dict[str, int]:
         """How often each process was started again, where that was at all."""
         return {r.specification.name: r.restarts for r in self._running if r.restarts}
