@@ -141,7 +141,7 @@ class BenchWatch:
             return runner
 
     def _present_description(self, keep_waiting: Callable[[], bool]) -> BenchDescription:
-        deadline = time.monotonic() + BENCH_RETURN_S
+        began = time.monotonic()
         while True:
             away: TestloomError | None = None
             try:
@@ -150,9 +150,10 @@ class BenchWatch:
                     return description
             except TestloomError as error:
                 away = error
-            if time.monotonic() >= deadline or not keep_waiting():
+            waited_s = time.monotonic() - began
+            if waited_s >= BENCH_RETURN_S or not keep_waiting():
                 raise away or TestloomError(
-                    f"The bench did not come back within {BENCH_RETURN_S:g} s.",
+                    f"The bench did not come back within {waited_s:.0f} s.",
                     where=str(self._path),
                     fault=Fault.STATION,
                     remedy="start the bench again; look into its log for why it ended.",

@@ -100,7 +100,7 @@ def test_a_bench_that_died_is_waited_for(tmp_path: Path, monkeypatch: pytest.Mon
         dead = f"127.0.0.1:{reserved.getsockname()[1]}"
     describe(path, port=1, control=dead)
     watch = BenchWatch(path, read_description(path), tmp_path, StandInRunner)
-    with pytest.raises(TestloomError, match="did not come back") as caught:
+    with pytest.raises(TestloomError, match="did not come back within 0 s") as caught:
         watch.runner("1", lambda: False)
     assert caught.value.fault is Fault.STATION
 
