@@ -14,14 +14,15 @@ from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import metadata
 from pathlib import Path
 
 import structlog
 from pydantic import ValidationError
 
 from coordinator.line_service import LineService, Request, ToStation
-from coordinator.structured_log import structured_log
 from protocol import keys
+from protocol.adapters.structured_log import structured_log
 from protocol.adapters.zenoh_link import (
     IncomingQuery,
     NoReplyError,
@@ -40,7 +41,6 @@ from protocol.coordinator_events import (
 from protocol.errors import Fault
 from protocol.station_messages import COMMAND_REPLY, CommandAccepted, StartSequence
 
-SOFTWARE_VERSION = "0.1.0"
 MAX_INBOX = 4_096
 MAX_REQUESTS_WAITING = 3_000
 """Beyond this a request is refused as 'busy'; the rest of the inbox is for the coordinator's own."""
@@ -85,7 +85,7 @@ class CoordinatorDaemon:
         self._inbox: queue.Queue[Request | Event] = queue.Queue(maxsize=MAX_INBOX)
         self._stopping = threading.Event()
         self._service = LineService(
-            arguments.database, arguments.line, arguments.settings, SOFTWARE_VERSION, self._clock
+            arguments.database, arguments.line, arguments.settings, metadata.version("testloom"), self._clock
         )
         self._retry_at_s = 0.0
         self._incarnation = time.time_ns()
@@ -116,7 +116,7 @@ class CoordinatorDaemon:
                     link.serve(keys.coordinator_queryable(line, verb), self._receiver(verb))
                 link.watch_alive(keys.all_alive_keys(line), self._token_changed)
                 link.declare_alive(keys.alive_key(line, keys.COORDINATOR_NAME, self._incarnation))
-                _log.info("serving", line=line, router=self._arguments.router)
+                _log.info("serving", router=self._arguments.router)
                 gc.collect()
                 gc.freeze()
                 gc.set_threshold(*GC_THRESHOLDS)
@@ -129,7 +129,7 @@ class CoordinatorDaemon:
         finally:
             self._refuse_the_rest()
             self._service.close()
-            _log.info("stopped", line=line)
+            _log.info("stopped")
 
     def _turn(self) -> list[ToStation]:
         if self._other_seen.is_set():
@@ -238,7 +238,7 @@ def run_coordinator(arguments: CoordinatorArguments) -> None:
         TestloomError: it cannot serve the line; says why and what to do.
     """
     keys.checked_name(arguments.line, "line")
-    with structured_log(arguments.log_file):
+    with structured_log(arguments.log_file, line=arguments.line):
         daemon = CoordinatorDaemon(arguments)
 
         def on_signal(_number: int, _frame: object) -> None:

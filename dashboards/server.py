@@ -13,9 +13,9 @@ from fastapi.responses import RedirectResponse
 from nicegui import ui
 
 from dashboards.line_source import ConnectLine, zenoh_line
-from dashboards.logs import configure_logs
 from dashboards.pages import LANGUAGE_COOKIE, THEME_COOKIE, THEMES, register_pages
 from dashboards.read_model import ReadModel
+from protocol.adapters.structured_log import log_as_json
 from protocol.errors import Fault, TestloomError
 from protocol.keys import checked_name
 from protocol.language import LANGUAGES, chosen_language
@@ -70,7 +70,7 @@ def run_dashboard(
     listening = _listen(host, port)
     shown_host = f"[{host}]" if ":" in host else host
     url = f"http://{shown_host}:{listening.getsockname()[1]}/"
-    configure_logs(line)
+    log_as_json(line=line, process="dashboard")
     model = ReadModel(connect or zenoh_line(line, router_endpoint))
     register_pages(model, line, language)
     application = _application(language)

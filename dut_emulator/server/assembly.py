@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import signal
-import sys
 import traceback
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +19,7 @@ from dut_emulator.server.line_server import LineProtocol
 from dut_emulator.server.link_faults import Framing, LinkFault
 from dut_emulator.server.links import HOST, PtyLink, TcpLink, listening_socket
 from dut_emulator.server.unit_store import UnitStore, write_atomically
+from protocol.adapters.structured_log import log_as_json
 from protocol.bench_description import BenchDescription, SocketResources, StandResources
 from protocol.errors import Fault, TestloomError
 
@@ -35,23 +35,8 @@ def run_bench(configuration: BenchServerConfiguration) -> None:
     Raises:
         TestloomError: a port is taken, or a directory cannot be used.
     """
-    _log_as_json(configuration.name)
+    log_as_json(bench=configuration.name)
     asyncio.run(_run(configuration))
-
-
-def _log_as_json(bench: str) -> None:
-    """One JSON object a line on standard error, as stations log."""
-    structlog.configure(
-        processors=[
-            structlog.contextvars.merge_contextvars,
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.processors.JSONRenderer(ensure_ascii=False),
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger("info"),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-    )
-    structlog.contextvars.bind_contextvars(bench=bench)
 
 
 async def _run(configuration: BenchServerConfiguration) -> None:

@@ -17,6 +17,7 @@ from types import FrameType
 import structlog
 from pydantic import ValidationError
 
+from protocol.adapters.structured_log import log_as_json
 from protocol.adapters.zenoh_link import IncomingQuery, ZenohLink, open_link
 from protocol.bench_description import BenchDescription
 from protocol.errors import Fault, PlanError, TestloomError
@@ -34,7 +35,6 @@ from stations.agent import events as on
 from stations.agent.bench_watch import BenchWatch, RunnerFactory, await_description
 from stations.agent.caller import CoordinatorCaller
 from stations.agent.core import EXIT_STOPPED, AgentCore
-from stations.agent.logs import configure_logs
 from stations.agent.socket_worker import SocketWorker
 from stations.agent.state import AgentIdentity, SpoolContent
 from stations.sequencing.runner import SequenceRunner
@@ -71,7 +71,7 @@ def run_agent(settings: AgentSettings) -> int:
     """
     checked_name(settings.line, "line")
     checked_name(settings.station, "station")
-    configure_logs(settings.line, settings.station)
+    log_as_json(line=settings.line, station=settings.station)
     stop = StopSignal()
     try:
         bench = await_description(settings.bench, lambda: not stop.received)

@@ -1,9 +1,10 @@
 """A lane: the thread and the clock of one branch number. Serial steps run on lane 0."""
 
-import logging
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
+
+import structlog
 
 from protocol.errors import Fault, TestloomError
 from protocol.outcomes import Outcome
@@ -16,7 +17,7 @@ from stations.sequencing.core import CutShort, DeadlinePassed, Event, RunStep, S
 from stations.sequencing.fault_finding import find_fault
 from stations.sequencing.step_registry import definitions
 
-_log = logging.getLogger(__name__)
+_log = structlog.get_logger("stations.sequencing")
 
 
 class SequenceEnvironment:
@@ -61,7 +62,7 @@ class Lane:
             try:
                 self.clock.leave()
             except TestloomError:
-                _log.info("a branch could not leave the time of a bench that is dead", exc_info=True)
+                _log.info("branch_could_not_leave_time", bench=self._shared.bench.where, exc_info=True)
 
     def give(self, command: RunStep) -> None:
         """Run a step; its StepEnded is reported."""
@@ -97,7 +98,7 @@ class Lane:
         except TestloomError as error:
             cut_short = self._cut_short(error, Outcome.ERROR)
         except Exception as error:  # noqa: BLE001 - a step function is anybody's code
-            _log.exception("step %s failed", command.step.step)
+            _log.exception("step_failed", step=command.step.step)
             text = f"The step failed inside: {type(error).__name__}: {error}. Its traceback is in the log."
             cut_short = CutShort(Outcome.ERROR, Fault.TESTLOOM, text)
         clock.limit(None)

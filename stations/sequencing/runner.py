@@ -5,13 +5,14 @@ work, so that time stands while the core decides; lanes that get work join befor
 just ended may leave. So time can neither run away between steps nor wait for an idle lane.
 """
 
-import logging
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
+
+import structlog
 
 from protocol.attempts import Lease, RecordingReference, StepRecord
 from protocol.bench_description import BenchDescription
@@ -45,7 +46,7 @@ STEP_GUARD_WALL_S = 120.0
 """Wall time beyond a step's time-out after which its thread counts as lost. Every wait inside a step is
 bounded by less, so this fires only for a step function that hangs by itself."""
 
-_log = logging.getLogger(__name__)
+_log = structlog.get_logger("stations.sequencing")
 
 
 @dataclass(frozen=True)
@@ -161,13 +162,13 @@ class _Dispatch:
             self._shared.began_s = lane.clock.now_s()
         except LinkError:
             # the first step meets the same and says so in the record
-            _log.info("the bench cannot be reached", exc_info=True)
+            _log.info("bench_not_reached", bench=self._bench.where, exc_info=True)
 
     def _make_safe(self, lane: Lane) -> SafeState:
         try:
             lane.join_time()
         except LinkError:
-            _log.info("the safe state is sought on a bench without a clock", exc_info=True)
+            _log.info("safe_state_without_clock", bench=self._bench.where, exc_info=True)
         return make_safe(self._bench, lane.clock)
 
     def _result(self, finish: Finish, safe: SafeState, duration_s: float) -> SequenceResult:
@@ -274,4 +275,4 @@ class _Dispatch:
             self._on_progress(progress)
         except (TestloomError, OSError, RuntimeError):
             # a view is never worth a sequence
-            _log.warning("progress could not be shown", exc_info=True)
+            _log.warning("progress_not_shown", bench=self._bench.where, exc_info=True)
