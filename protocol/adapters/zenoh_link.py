@@ -225,12 +225,11 @@ def _no_reply(key: str, reason: str) -> NoReplyError:
     )
 
 
-def _rejected(key: str, payload: bytes) -> RequestRejectedError:
+def _rejected(key: str, payload: bytes) -> TestloomError:
     try:
         rejection = RequestRejected.model_validate_json(payload)
-    except ValueError:
-        text = payload[:200].decode(errors="replace")
-        return RequestRejectedError(text or "The request was refused.", where=key, fault=Fault.TESTLOOM)
+    except ValueError:  # Zenoh's own words, most often 'Timeout': the other side has said nothing
+        return _no_reply(key, payload[:200].decode(errors="replace"))
     known = {fault.value for fault in Fault}
     fault = Fault(rejection.fault) if rejection.fault in known else Fault.TESTLOOM
     return RequestRejectedError(rejection.what, where=key, fault=fault, remedy=rejection.remedy)
