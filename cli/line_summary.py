@@ -135,7 +135,7 @@ def summarise(
         },
         "unfinished": unfinished,
         "unsupported": sorted(s for s, d in dispositions.items() if not ledger.supports(s, d, route)),
-        "set_aside": status.records_set_aside,
+        "set_aside": sum(not record.counted for record in ledger.kept),  # some come after the line's end
         "wall_s": round(wall_s, 3),
     }
 

@@ -90,6 +90,11 @@ def test_a_disposition_follows_from_the_records_that_count() -> None:
     assert _supported(disposition=Disposition.QUARANTINE)  # five lapsed leases leave no record
 
 
+def test_records_set_aside_are_counted_where_they_are_kept() -> None:
+    ledger = Ledger({}, {}, [_kept(1, "s"), _kept(2, "s", counted=False)])
+    assert summarise(_status({}), [], ledger, ROUTE, [], 1.0)["set_aside"] == 1
+
+
 def test_escapes_and_false_rejects_count_gross_and_healthy_units_only() -> None:
     truths = [
         Truth("A", "gross", "dead_axis"),
