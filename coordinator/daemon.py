@@ -136,6 +136,8 @@ class CoordinatorDaemon:
             self._other_seen.clear()
             self._service.check_sole_writer()
         items = self._next_items()
+        if self._service.stood_still():
+            return [*self._service.recover(), *self._service.process(items)]
         if not self._service.available and self._clock() >= self._retry_at_s:
             self._retry_at_s = self._clock() + STORE_RETRY_S
             return [*self._service.recover(), *self._service.process(items)]

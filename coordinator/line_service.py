@@ -61,6 +61,9 @@ MAX_TIMERS_PER_BATCH = 1_000
 MAX_FENCE = 2**53
 """Fences beyond this do not survive a database or a JSON reader."""
 
+STANDSTILL_SHARE = 0.5
+"""A coordinator that took no turn for this share of a lease's duration has not listened."""
+
 ToStation = StartSequence | AbortSequence
 
 _log = structlog.get_logger("coordinator")
@@ -115,6 +118,7 @@ class LineService:
         self._software_version = software_version
         self._wall_clock = wall_clock
         self._newest_at_s = 0.0
+        self._turn_at_s = 0.0
         self._store: LineStore | None = None
         self._core: CoordinatorCore | None = None
         self._timers: list[tuple[float, int, Timer, int | str]] = []
@@ -156,7 +160,19 @@ class LineService:
             self._become_unavailable(error)
             return []
         _log.info("line_taken_up", journal_lines=count, units=len(core.line.units), store=store.place)
+        self._turn_at_s = self._now_s()
         return self._finish(turn)
+
+    def stood_still(self) -> bool:
+        """Whether no turn was begun for so long that leases look lapsed only because nobody listened
+        (a frozen process or machine, a stalled disk). To be asked at the beginning of each turn; the
+        answer to a standstill is `recover`, which gives every station a full term again."""
+        before_s, self._turn_at_s = self._turn_at_s, self._now_s()
+        away_s = self._turn_at_s - before_s
+        stood = self.available and away_s > STANDSTILL_SHARE * self._settings.lease_duration_s
+        if stood:
+            _log.warning("stood_still", away_s=round(away_s, 1))
+        return stood
 
     def process(self, items: Iterable[Request | Event]) -> list[ToStation]:
         """Handle requests, events and due timers as one batch.

@@ -278,6 +278,20 @@ def test_timers_come_back_through_the_service(driver) -> None:
     assert driver.to_stations[-1].lease.fence > lease.fence
 
 
+def test_a_coordinator_that_stood_still_blames_no_station(driver) -> None:
+    lease = driver.begin()
+    assert not driver.service.stood_still()
+    driver.now_s += 4.0
+    assert not driver.service.stood_still()  # a slow turn
+    driver.now_s += 60.0
+    assert driver.service.stood_still()
+    offered_again = [*driver.service.recover(), *driver.service.process([])]
+    assert [command.lease.fence for command in offered_again] == [lease.fence]
+    assert driver.service.seconds_to_next_timer() == pytest.approx(10.0)
+    assert driver.ask("request", GetLineStatus(), "cli").answers[0]["alarms"] == []
+    assert not driver.service.stood_still()
+
+
 def test_alarms_are_shown_after_a_restart(driver) -> None:
     driver.begin()
     driver.now_s += 10.5
