@@ -14,7 +14,7 @@ from cli.line_display import live_view, progress_line, summary_lines, units_tabl
 from cli.line_layout import LineLayout
 from cli.line_summary import Truth
 from cli.process_group import ProcessGroup
-from protocol.adapters.zenoh_link import NoReplyError
+from protocol.adapters.zenoh_link import NoReplyError, RequestRejectedError
 from protocol.attempts import UnitIdentity
 from protocol.errors import Fault, TestloomError
 from protocol.language import say
@@ -38,6 +38,7 @@ class LineWatch:
         self._started_s = time.monotonic()
         self._last_logged_s = 0.0
         self._restarts: dict[str, int] = {}
+        self._told = ""
 
     def announce(self) -> None:
         """Say where everything is."""
@@ -143,14 +144,32 @@ class LineWatch:
             except NoReplyError:
                 if time.monotonic() >= deadline_s:
                     raise self._came_to_no_end(timeout_s) from None
+            except RequestRejectedError as refusal:  # a full disk or a locked database may pass
+                if time.monotonic() >= deadline_s:
+                    raise
+                self._tell(refusal)
             self._tend()
             time.sleep(POLL_S)
 
     def _status(self, client: LineClient) -> LineStatus | None:
         try:
-            return client.ask(GetLineStatus(), LineStatus, STATUS_PATIENCE_S)
+            status = client.ask(GetLineStatus(), LineStatus, STATUS_PATIENCE_S)
         except NoReplyError:
             return None  # the router or the coordinator is being started again
+        except RequestRejectedError as refusal:  # it goes on by itself when its disk is well again
+            self._tell(refusal)
+            return None
+        self._told = ""
+        return status
+
+    def _tell(self, refusal: RequestRejectedError) -> None:
+        """Say once why the coordinator does not answer now."""
+        words = f"{refusal.what} {refusal.remedy}".strip()
+        if words != self._told:
+            self._told = words
+            self._story = [*self._story, words][-MAX_STORY:]
+            if not self._console.is_terminal:
+                self._console.print(words)
 
     def _show(self, status: LineStatus, live: Live | None) -> None:
         elapsed_s = time.monotonic() - self._started_s

@@ -4,15 +4,20 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from cli.line_layout import LineLayout
 from cli.line_watch import LineWatch
 from cli.process_group import ProcessGroup
+from protocol.adapters.zenoh_link import IncomingQuery, open_link, open_router
+from protocol.errors import Fault
+from protocol.keys import coordinator_queryable
+from protocol.line_views import LineStatus, YieldReport
 
 
-def test_a_router_that_dies_before_anybody_has_reached_it_is_started_again(
-    tmp_path: Path, free_port: int
-) -> None:
-    layout = LineLayout(
+@pytest.fixture
+def layout(tmp_path: Path, free_port: int) -> LineLayout:
+    return LineLayout(
         line="t",
         directory=tmp_path,
         seed=1,
@@ -23,6 +28,11 @@ def test_a_router_that_dies_before_anybody_has_reached_it_is_started_again(
         dashboard_port=None,
         database_url=f"sqlite:///{tmp_path / 'coordinator.sqlite'}",
     )
+
+
+def test_a_router_that_dies_before_anybody_has_reached_it_is_started_again(
+    tmp_path: Path, layout: LineLayout
+) -> None:
     group = ProcessGroup(tmp_path)
     watch = LineWatch(layout, group, quiet=True)
     try:
@@ -34,3 +44,35 @@ def test_a_router_that_dies_before_anybody_has_reached_it_is_started_again(
         assert group.restarts() == {"router": 1}
     finally:
         group.stop()
+
+
+def test_a_coordinator_that_cannot_write_now_is_waited_for(
+    tmp_path: Path, layout: LineLayout, capsys: pytest.CaptureFixture[str]
+) -> None:
+    finished = LineStatus(
+        line="t",
+        at_s=0.0,
+        stations=(),
+        units=(),
+        queue_lengths={},
+        yield_report=YieldReport(operations=(), stations=(), dispositions={}),
+        alarms=(),
+        attempts_recorded=0,
+        records_set_aside=0,
+        duplicates_ignored=0,
+        finished=True,
+    )
+    asked: list[bytes] = []
+
+    def answer(query: IncomingQuery) -> None:
+        asked.append(query.payload)
+        if len(asked) < 3:
+            query.reject("The database is locked by another program.", Fault.TESTLOOM, "close it.")
+        else:
+            query.reply(finished.model_dump_json().encode())
+
+    watch = LineWatch(layout, ProcessGroup(tmp_path), quiet=False)
+    with open_router(layout.router_endpoint), open_link(layout.router_endpoint) as link:
+        link.serve(coordinator_queryable("t", "request"), answer)
+        assert watch.until_finished(30.0).finished
+    assert capsys.readouterr().out.count("The database is locked by another program. close it.") == 1
