@@ -50,14 +50,12 @@ def run_line(role: str, kills: int, seed: int, folder: Path, units: int = UNITS_
     """Run one line of `units` units and kill a process of `role` `kills` times while it works."""
     chance = random.Random(seed)
     summary_file = folder / "summary.json"
-    line = subprocess.Popen(
-        [
-            *(sys.executable, "-m", "cli.main", "up", "--units", str(units), "--seed", str(seed)),
-            *("--dir", str(folder / "run"), "--summary", str(summary_file), "--no-dashboard"),
-        ],
-        stdout=(folder / "up.log").open("wb"),
-        stderr=subprocess.STDOUT,
-    )
+    command = [
+        *(sys.executable, "-m", "cli.main", "up", "--units", str(units), "--seed", str(seed)),
+        *("--dir", str(folder / "run"), "--summary", str(summary_file), "--no-dashboard"),
+    ]
+    with (folder / "up.log").open("wb") as log:
+        line = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT)
     story: list[str] = []
     try:
         _wait_for_work(folder / "run", line)

@@ -15,6 +15,7 @@ import pytest
 pytestmark = [pytest.mark.fabric, pytest.mark.xdist_group("line"), pytest.mark.timeout(400)]
 
 TIMEOUT_S = 300.0
+MAX_RECORDINGS_READ = 12
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,17 @@ class FinishedLine:
 
 
 def _up(folder: Path, *options: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "cli.main", "up", "--dir", str(folder), *options],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    """As a script starts it in the background: with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "cli.main", "up", "--dir", str(folder), *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _finished(folder: Path, units: int, seed: int) -> FinishedLine:
@@ -92,11 +98,17 @@ def test_the_run_is_kept_in_one_folder_and_leaves_no_process(finished_line: Fini
 def test_shipped_units_have_a_recording_that_can_be_read(finished_line: FinishedLine) -> None:
     from protocol.adapters.recording_forms import read_recording
 
+    shipped = finished_line.summary["dispositions"]["SHIP"]
     recordings = sorted((finished_line.folder / "recordings").rglob("*.mcap"))
-    assert len(recordings) >= finished_line.summary["dispositions"]["SHIP"]
-    recording = read_recording(recordings[0])
-    assert len(recording.stream("dut")) > 30_000  # six positions of 30 s at 200 Hz alone
-    assert {"gyro_x", "acc_x"} <= set(recording.stream("dut").columns)
+    assert len(recordings) >= 2 * shipped  # the calibration and the second look at what it made
+    lengths: dict[str, list[int]] = {}
+    for recording in map(read_recording, recordings[:MAX_RECORDINGS_READ]):
+        dut = recording.stream("dut")
+        assert {"gyro_x", "acc_x"} <= set(dut.columns)
+        lengths.setdefault(recording.test["profile"], []).append(len(dut))
+    # six positions of 30 s, or of 5 s, at 200 Hz; the turns come on top
+    assert min(lengths["imu_calibration"]) > 36_000
+    assert min(lengths["imu_verification"]) > 6_000
 
 
 def test_stations_and_coordinator_do_not_know_the_truth(finished_line: FinishedLine) -> None:
