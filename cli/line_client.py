@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from protocol.adapters.zenoh_link import NoReplyError, ZenohLink, open_link
+from protocol.errors import Fault
 from protocol.frozen_model import FrozenModel
 from protocol.keys import coordinator_key
 from protocol.line_views import CLIENT_REPLY
@@ -21,6 +22,7 @@ class LineClient:
 
     def __init__(self, link: ZenohLink, line: str) -> None:
         self._link = link
+        self._line = line
         self._key = coordinator_key(line, "request", f"cli-{os.getpid()}")
 
     def ask(self, request: FrozenModel, expected: type[Reply], patience_s: float = ANSWER_TIMEOUT_S) -> Reply:
@@ -37,12 +39,20 @@ class LineClient:
                 answer = CLIENT_REPLY.validate_json(self._link.ask(self._key, payload, ANSWER_TIMEOUT_S))
             except NoReplyError:
                 if time.monotonic() >= deadline_s:
-                    raise
+                    raise self._coordinator_silent() from None
                 time.sleep(RETRY_S)
                 continue
             if not isinstance(answer, expected):
                 raise TypeError(f"asked for {expected.__name__}, got {type(answer).__name__}")
             return answer
+
+    def _coordinator_silent(self) -> NoReplyError:
+        return NoReplyError(
+            f"The coordinator of line '{self._line}' does not answer.",
+            where=self._key,
+            fault=Fault.OPERATOR,
+            remedy="start it with `testloom coordinator`, or correct --line and --router.",
+        )
 
 
 @contextmanager

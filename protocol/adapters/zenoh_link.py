@@ -7,6 +7,7 @@ scouting and gossip are off, end points are explicit.
 """
 
 import json
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -143,11 +144,13 @@ def open_link(
 
     Raises:
         NoReplyError: the router did not answer in that time.
+        TestloomError: `endpoint` is no locator.
     """
+    configuration = _client_configuration(endpoint)
     deadline = time.monotonic() + give_up_after_s
     while True:
         try:
-            session = zenoh.open(_client_configuration(endpoint))
+            session = zenoh.open(configuration)
             break
         except zenoh.ZError as error:
             if time.monotonic() >= deadline or not keep_trying():
@@ -156,7 +159,7 @@ def open_link(
                     where=endpoint,
                     fault=Fault.TESTLOOM,
                     remedy="start it with `testloom router`, or correct --router.",
-                    story=(str(error),),
+                    story=(_in_short(error),),
                 ) from None
             time.sleep(OPEN_RETRY_S)
     with session:
@@ -172,7 +175,7 @@ def open_router(endpoint: str) -> Iterator[None]:
     """
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"router"')
-    configuration.insert_json5("listen/endpoints", json.dumps([endpoint]))
+    _insert_endpoint(configuration, "listen/endpoints", endpoint)
     configuration.insert_json5("listen/exit_on_failure", "true")
     _closed_to_the_outside(configuration)
     try:
@@ -183,7 +186,7 @@ def open_router(endpoint: str) -> Iterator[None]:
             where=endpoint,
             fault=Fault.OPERATOR,
             remedy="stop what uses the port, or choose another with --listen.",
-            story=(str(error),),
+            story=(_in_short(error),),
         ) from None
     with session:
         yield
@@ -192,7 +195,7 @@ def open_router(endpoint: str) -> Iterator[None]:
 def _client_configuration(endpoint: str) -> zenoh.Config:
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"client"')
-    configuration.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    _insert_endpoint(configuration, "connect/endpoints", endpoint)
     configuration.insert_json5("connect/timeout_ms", str(OPEN_ATTEMPT_TIMEOUT_MS))
     configuration.insert_json5(
         "connect/retry",
@@ -207,6 +210,23 @@ def _client_configuration(endpoint: str) -> zenoh.Config:
     configuration.insert_json5("transport/link/tx/lease", str(LIVELINESS_LEASE_MS))
     _closed_to_the_outside(configuration)
     return configuration
+
+
+def _insert_endpoint(configuration: zenoh.Config, setting: str, endpoint: str) -> None:
+    try:
+        configuration.insert_json5(setting, json.dumps([endpoint]))
+    except zenoh.ZError:
+        raise TestloomError(
+            f"'{endpoint}' is no Zenoh locator.",
+            where=endpoint,
+            fault=Fault.OPERATOR,
+            remedy="write protocol, host and port, as in tcp/127.0.0.1:7447.",
+        ) from None
+
+
+def _in_short(error: zenoh.ZError) -> str:
+    """Zenoh's own words, without the places in its source that it adds."""
+    return re.sub(r"\s+at /\S+?\.rs:\d+\.?", "", str(error))
 
 
 def _closed_to_the_outside(configuration: zenoh.Config) -> None:

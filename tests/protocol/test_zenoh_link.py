@@ -12,7 +12,7 @@ from protocol.adapters.zenoh_link import (
     open_link,
     open_router,
 )
-from protocol.errors import Fault
+from protocol.errors import Fault, TestloomError
 
 KEY = "testloom/t/coordinator/request/x"
 
@@ -48,3 +48,21 @@ def test_one_who_is_there_and_does_not_answer_has_not_refused(links: tuple[Zenoh
     with pytest.raises(NoReplyError):
         asking.ask(KEY, b"anybody?", timeout_s=0.3)
     assert len(held) == 1
+
+
+@pytest.mark.parametrize("word", ["banana", ""])
+def test_a_word_that_is_no_locator_is_the_callers_mistake(word: str) -> None:
+    with pytest.raises(TestloomError, match="is no Zenoh locator") as raised, open_link(word):
+        pass
+    assert raised.value.fault is Fault.OPERATOR
+    with pytest.raises(TestloomError, match="is no Zenoh locator"), open_router(word):
+        pass
+
+
+def test_a_port_in_use_is_told_without_the_places_in_zenohs_source(free_port: int) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port}"
+    refused = pytest.raises(TestloomError, match="cannot listen")
+    with open_router(endpoint), refused as raised, open_router(endpoint):
+        pass
+    assert "in use" in " ".join(raised.value.story)
+    assert ".rs" not in " ".join(raised.value.story)
