@@ -1,37 +1,53 @@
 # pyright: strict
-# ruff: noqa: ARG002  one signature for every effect: most need only a part of it
+# ruff: noqa: ARG002, RUF009  one signature for every effect; `parameter` makes a field
 """Effects that follow from the stimulus alone: matrix, bias, bias over temperature, range and quantum.
 
 The model of a triad is y = M u + b (IEEE 528 words; rows of M are sensors), M = S (I + misalignment), with
 the rest added or cut behind it. Source of the form: paper 1, eqs (1), (2), solved for the output.
 """
 
+import dataclasses
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
+from dut_emulator.effects.catalogue_effect import CatalogueEffect, LinearEffect
+from dut_emulator.effects.effect import EffectState, FloatArray, Stage, Stimulus
+from dut_emulator.effects.parameters import ZERO, ZERO_MATRIX, Matrix, Triple, parameter
 
-Triple = tuple[float, float, float]
-Matrix = tuple[Triple, Triple, Triple]
+NO_MISALIGNMENT = ZERO_MATRIX
+VALID_TEMPERATURES_C = (-40.0, 85.0)
+REFERENCE_TEMPERATURE_C = 25.0
+LEAST_QUANTUM_SHARE = 1e-9
+"""Outputs nearer to each other than this share of the largest differ by rounding only."""
 
-ZERO: Triple = (0.0, 0.0, 0.0)
-NO_MISALIGNMENT: Matrix = (ZERO, ZERO, ZERO)
+
+def powers(stimulus: Stimulus, reference_c: float, count: int) -> FloatArray:
+    """(count, n, 1): (T − T_ref)^k for k = 1 … count, T held at the edges of its validity."""
+    excess = np.clip(stimulus.temperature_c, *VALID_TEMPERATURES_C)[:, np.newaxis] - reference_c
+    return np.stack([excess**power for power in range(1, count + 1)]) if count else np.zeros((0, 1, 1))
 
 
 @dataclass(frozen=True)
-class Misalignment:
+class Misalignment(LinearEffect):
     """Each sensor's axis leaves its nominal direction: y_i = u_i + Σ_j m_ij u_j (small angles, rad).
 
     The diagonal must be zero: what acts along the axis is scale factor error. Non-orthogonality is the
     symmetric part, rotation of the whole triad the antisymmetric one.
     """
 
-    sensor: SensorName
-    misalignment_rad: Matrix = NO_MISALIGNMENT
+    misalignment_rad: Matrix = parameter(
+        NO_MISALIGNMENT, "rad", (-0.5, 0.5), "angle of sensor i towards axis j", off_diagonal=True
+    )
     word: ClassVar[str] = "misalignment"
     stage: ClassVar[Stage] = Stage.MOUNTING
+
+    def regressors(
+        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
+    ) -> dict[str, FloatArray]:
+        """See `LinearEffect.regressors`."""
+        return {"misalignment_rad": samples}
 
     @property
     def is_neutral(self) -> bool:
@@ -48,13 +64,18 @@ class Misalignment:
 
 
 @dataclass(frozen=True)
-class ScaleFactorError:
+class ScaleFactorError(LinearEffect):
     """y_i = (1 + s_i) u_i, s dimensionless; −1 is a dead sensor."""
 
-    sensor: SensorName
-    scale_factor_error: Triple = ZERO
+    scale_factor_error: Triple = parameter(ZERO, "1", (-1.0, 1.0), "relative error of the scale factor")
     word: ClassVar[str] = "scale_factor_error"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+
+    def regressors(
+        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
+    ) -> dict[str, FloatArray]:
+        """See `LinearEffect.regressors`."""
+        return {"scale_factor_error": samples}
 
     @property
     def is_neutral(self) -> bool:
@@ -71,13 +92,18 @@ class ScaleFactorError:
 
 
 @dataclass(frozen=True)
-class Bias:
+class Bias(LinearEffect):
     """A constant output at zero input, in SI of the sensor."""
 
-    sensor: SensorName
-    bias_si: Triple = ZERO
+    bias_si: Triple = parameter(ZERO, "{si}", (-0.1, 0.1), "output at zero input")
     word: ClassVar[str] = "bias"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+
+    def regressors(
+        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
+    ) -> dict[str, FloatArray]:
+        """See `LinearEffect.regressors`."""
+        return {"bias_si": np.ones((len(samples), 1))}
 
     @property
     def is_neutral(self) -> bool:
@@ -92,20 +118,39 @@ class Bias:
 
 
 @dataclass(frozen=True)
-class BiasTemperature:
+class BiasTemperature(LinearEffect):
     """Bias that follows the sensor's temperature: a polynomial about the reference temperature.
 
     b_i(T) = Σ_k c_ki (T − T_ref)^k with k = 1, 2, …; so the bias at T_ref is `Bias` alone. Row k − 1 of
     `coefficients_si_per_c` belongs to power k. Valid from −40 to 85 °C; outside it is held at the edge.
     """
 
-    sensor: SensorName
-    coefficients_si_per_c: tuple[Triple, ...] = ()
-    reference_temperature_c: float = 25.0
+    coefficients_si_per_c: tuple[Triple, ...] = parameter(
+        (),
+        "{si} per degC",
+        (-1e-3, 1e-3),
+        "coefficient of the power k of T − T_ref, per degC to the k",
+        powers=True,
+    )
+    reference_temperature_c: float = parameter(
+        REFERENCE_TEMPERATURE_C, "degC", VALID_TEMPERATURES_C, "temperature of the constant bias", held=True
+    )
     word: ClassVar[str] = "bias_temperature"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
-    valid_from_c: ClassVar[float] = -40.0
-    valid_to_c: ClassVar[float] = 85.0
+    valid: ClassVar[str] = "−40 to 85 °C; outside it the polynomial is held at its edge."
+    start: ClassVar[dict[str, Any]] = {"coefficients_si_per_c": (ZERO, ZERO)}
+    valid_from_c: ClassVar[float] = VALID_TEMPERATURES_C[0]
+    valid_to_c: ClassVar[float] = VALID_TEMPERATURES_C[1]
+
+    def regressors(
+        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
+    ) -> dict[str, FloatArray]:
+        """See `LinearEffect.regressors`."""
+        return {
+            "coefficients_si_per_c": powers(
+                stimulus, self.reference_temperature_c, len(self.coefficients_si_per_c)
+            )
+        }
 
     @property
     def is_neutral(self) -> bool:
@@ -127,13 +172,25 @@ class BiasTemperature:
 
 
 @dataclass(frozen=True)
-class Saturation:
+class Saturation(CatalogueEffect):
     """The output stays inside ± range, in SI of the sensor; infinite is none."""
 
-    sensor: SensorName
-    range_si: float = np.inf
+    range_si: float = parameter(np.inf, "{si}", (0.0, np.inf), "largest output")
     word: ClassVar[str] = "saturation"
     stage: ClassVar[Stage] = Stage.QUANTISER
+
+    def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """∂y/∂R is the sign of what is cut."""
+        samples = stimulus.true_input(self.sensor)
+        return {"range_si": np.where(np.abs(samples) > self.range_si, np.sign(samples), 0.0)}
+
+    def guess(self, residual: FloatArray, stimulus: Stimulus) -> "Saturation":
+        """The range is where the output stays while the input goes on."""
+        samples = stimulus.true_input(self.sensor)
+        cut = np.isfinite(residual) & (residual * np.sign(samples) < 0)
+        if not cut.any():
+            return dataclasses.replace(self, range_si=np.inf)
+        return dataclasses.replace(self, range_si=float(np.median(np.abs((samples + residual)[cut]))))
 
     @property
     def is_neutral(self) -> bool:
@@ -148,17 +205,34 @@ class Saturation:
 
 
 @dataclass(frozen=True)
-class Quantisation:
+class Quantisation(CatalogueEffect):
     """The output is a whole number of quanta (rounded to nearest, half to even); 0 is none.
 
     Error of a busy signal: uniform, standard deviation quantum / √12. Goes last in its stage, so that a
     saturated sample is the highest code.
     """
 
-    sensor: SensorName
-    quantum_si: float = 0.0
+    quantum_si: float = parameter(0.0, "{si}", (0.0, 0.1), "step of the output")
     word: ClassVar[str] = "quantization"
     stage: ClassVar[Stage] = Stage.QUANTISER
+
+    def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """∂y/∂q is the code, wherever the code does not just change."""
+        samples = stimulus.true_input(self.sensor)
+        if self.is_neutral:
+            return {"quantum_si": np.zeros_like(samples)}
+        return {"quantum_si": np.rint(samples / self.quantum_si)}
+
+    def guess(self, residual: FloatArray, stimulus: Stimulus) -> "Quantisation":
+        """The least distance between two outputs, sharpened over all codes."""
+        outputs = (stimulus.true_input(self.sensor) + residual)[np.isfinite(residual)]
+        distances = np.diff(np.unique(outputs))
+        largest = float(np.abs(outputs).max(initial=0.0))
+        real = distances[distances > LEAST_QUANTUM_SHARE * largest]
+        if len(real) == 0:
+            return dataclasses.replace(self, quantum_si=0.0)
+        codes = np.rint(outputs / float(real.min()))
+        return dataclasses.replace(self, quantum_si=float(codes @ outputs / (codes @ codes)))
 
     @property
     def is_neutral(self) -> bool:

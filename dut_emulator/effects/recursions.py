@@ -1,0 +1,120 @@
+# pyright: strict
+"""What needs the past: rates of change, first-order lags, play, delays. Each carries its past in the state.
+
+Every function gives for chunks exactly what it gives for the whole: state is what the recursion itself
+would have held. A key keeps the recursions of one effect apart.
+"""
+
+import numpy as np
+
+from dut_emulator.effects.effect import EffectState, FloatArray, Stimulus
+from dut_emulator.effects.first_order import first_order
+
+MAX_DELAY_S = 2.0
+"""No delay is longer; so much of the past is kept."""
+
+
+def rate_of_change(values: FloatArray, stimulus: Stimulus, state: EffectState, key: str) -> FloatArray:
+    """(n, m) → (n, m) backward difference over the time that passed; 0 at the very first sample."""
+    if len(values) == 0:
+        return values.copy()
+    first_value, first_time = values[:1], stimulus.time_s[:1]
+    before = state.carried.get(key, first_value)
+    time_before = state.carried.get(f"{key} time", first_time)
+    change = np.diff(values, axis=0, prepend=before)
+    elapsed = np.diff(stimulus.time_s, prepend=time_before)[:, np.newaxis]
+    state.carried[key] = values[-1:].copy()
+    state.carried[f"{key} time"] = stimulus.time_s[-1:].copy()
+    return np.divide(change, elapsed, out=np.zeros_like(change), where=elapsed > 0)
+
+
+def lag_coefficients(period_s: float, time_constant_s: float) -> tuple[float, float, float]:
+    """α, b0, b1 of y_k = α y_(k−1) + b0 u_k + b1 u_(k−1), exact for inputs linear between samples."""
+    if time_constant_s <= 0:
+        return 0.0, 1.0, 0.0
+    ratio = time_constant_s / period_s
+    alpha = float(np.exp(-1.0 / ratio))
+    held = -ratio * float(np.expm1(-1.0 / ratio))
+    return alpha, 1.0 - held, held - alpha
+
+
+def recursion(
+    values: FloatArray,
+    feed: tuple[float, float],
+    alpha: float,
+    start: FloatArray,
+    state: EffectState,
+    key: str,
+) -> FloatArray:
+    """y_k = α y_(k−1) + f0 u_k + f1 u_(k−1), (n, m).
+
+    Before the first sample u was what it is there, and y was `start` (m,).
+    """
+    if len(values) == 0:
+        return values.copy()
+    before = state.carried.get(f"{key} input", values[:1])
+    memory = state.carried.get(key, start[np.newaxis, :])
+    drive = feed[0] * values + feed[1] * np.concatenate([before, values[:-1]])
+    result = first_order(drive, alpha, alpha * memory[0])
+    state.carried[f"{key} input"], state.carried[key] = values[-1:].copy(), result[-1:].copy()
+    return result
+
+
+def first_order_lag(
+    values: FloatArray, period_s: float, time_constant_s: float, state: EffectState, key: str
+) -> FloatArray:
+    """τ ẏ = u − y, (n, m), settled on the first sample; exact for inputs linear between samples."""
+    if len(values) == 0 or time_constant_s <= 0:
+        return values
+    alpha, b0, b1 = lag_coefficients(period_s, time_constant_s)
+    return recursion(values, (b0, b1), alpha, values[0], state, key)
+
+
+def play(values: FloatArray, half_width: float, state: EffectState, key: str) -> FloatArray:
+    """Where in its play each channel is, (n, m) in [−1, 1]: +1 after a long rise, −1 after a long fall.
+
+    p_k = clip(p_(k−1) + Δu / w, −1, 1) from p = 0: the stop operator of hysteresis (Visintin, *Differential
+    Models of Hysteresis*, 1994, III.2). It depends on the order of the values and not on their speed.
+    """
+    if len(values) == 0:
+        return values.copy()
+    before = state.carried.get(f"{key} input", values[:1])
+    position = state.carried.get(key, np.zeros((1, values.shape[1])))
+    steps = np.diff(values, axis=0, prepend=before) / half_width
+    out = np.empty_like(values)
+    for axis in range(values.shape[1]):
+        at = float(position[0, axis])
+        path: list[float] = []
+        for step in steps[:, axis].tolist():
+            at = min(max(at + step, -1.0), 1.0)
+            path.append(at)
+        out[:, axis] = path
+    state.carried[f"{key} input"], state.carried[key] = values[-1:].copy(), out[-1:].copy()
+    return out
+
+
+def delayed(
+    values: FloatArray, stimulus: Stimulus, delay_s: FloatArray, state: EffectState
+) -> tuple[FloatArray, FloatArray]:
+    """u(t − d(t)) and u̇(t − d(t)), both (n, m), for delays (n,) up to `MAX_DELAY_S`.
+
+    Linear between samples; before the first sample it is held; a negative delay extrapolates along the
+    latest slope.
+    """
+    if len(values) == 0:
+        return values.copy(), values.copy()
+    past, past_time = state.carried.get("past"), state.carried.get("past time")
+    if past is None or past_time is None:
+        past, past_time = values[:1], stimulus.time_s[:1] - stimulus.sample_period_s
+    known, instants = np.concatenate([past, values]), np.concatenate([past_time, stimulus.time_s])
+    wanted = stimulus.time_s - np.minimum(delay_s, MAX_DELAY_S)
+    own = np.arange(len(past), len(known))
+    right = np.clip(np.searchsorted(instants, wanted, side="left"), 1, own)
+    left = right - 1
+    elapsed = (instants[right] - instants[left])[:, np.newaxis]
+    slope = (known[right] - known[left]) / elapsed
+    ahead = np.maximum(wanted - instants[left], 0.0)[:, np.newaxis]
+    keep = instants >= instants[-1] - MAX_DELAY_S - 2 * stimulus.sample_period_s
+    state.carried["past"], state.carried["past time"] = known[keep], instants[keep]
+    slope[wanted < instants[0]] = 0.0
+    return known[left] + slope * ahead, slope
