@@ -58,6 +58,11 @@ class FittedLine:
     scatter_v: float
 
     @property
+    def degrees_of_freedom(self) -> int:
+        """Of `covariance`: n - 2."""
+        return len(self.residual_v) - 2
+
+    @property
     def sensitivity_standard_uncertainty(self) -> float:
         """u(K), V/(rad/s); s / sqrt(S_xx) for least squares."""
         return math.sqrt(self.covariance[1, 1])
