@@ -15,8 +15,9 @@ from typing import Any
 
 from coordinator.core.line_core import CoordinatorCore
 from coordinator.daemon import GC_THRESHOLDS
-from coordinator.line_service import LineService, Request
+from coordinator.line_service import LineService
 from coordinator.line_simulator.station_model import plan_of
+from coordinator.requests import Request
 from protocol.attempts import AttemptRecord, Lease, SpooledRecord, StepRecord, UnitIdentity
 from protocol.coordinator_events import (
     CoordinatorStarted,

@@ -20,7 +20,8 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
-from coordinator.line_service import LineService, Request, ToStation
+from coordinator.line_service import LineService, ToStation
+from coordinator.requests import Request
 from protocol import keys
 from protocol.adapters.structured_log import structured_log
 from protocol.adapters.zenoh_link import (

@@ -13,14 +13,14 @@ batch one by one, and only it is refused.
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
-from pydantic import ValidationError
 
 from coordinator.core import views
 from coordinator.core.line_core import CoordinatorCore
 from coordinator.core.presence import MAX_ALARMS_KEPT
+from coordinator.requests import NotUnderstood, Query, Request, understood
 from coordinator.store.line_store import Batch, LineStore
 from coordinator.store.schema import StoreConflictError, StoreDamagedError, StoreUnavailableError
 from protocol.attempts import AttemptRecord
@@ -45,10 +45,8 @@ from protocol.coordinator_events import (
     UnitsOrdered,
 )
 from protocol.errors import Fault, TestloomError
-from protocol.keys import CoordinatorVerb, checked_name, sender_of
-from protocol.line_views import CLIENT_REQUEST, GetLineStatus, GetUnit, GetYield, OrderUnits
+from protocol.line_views import GetLineStatus, GetUnit, GetYield, OrderUnits
 from protocol.station_messages import (
-    STATION_REQUEST,
     AbortSequence,
     RegisterStation,
     RenewLeases,
@@ -58,34 +56,12 @@ from protocol.station_messages import (
 )
 
 MAX_TIMERS_PER_BATCH = 1_000
-MAX_FENCE = 2**53
-"""Fences beyond this do not survive a database or a JSON reader."""
-
 STANDSTILL_SHARE = 0.5
 """A coordinator that took no turn for this share of a lease's duration has not listened."""
 
 ToStation = StartSequence | AbortSequence
 
 _log = structlog.get_logger("coordinator")
-
-
-class Query(Protocol):
-    """A request from the fabric, to be answered once."""
-
-    @property
-    def key(self) -> str: ...
-    @property
-    def payload(self) -> bytes: ...
-    def reply(self, payload: bytes) -> None: ...
-    def reject(self, what: str, fault: Fault, remedy: str = "") -> None: ...
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """A query on one of the coordinator's verbs."""
-
-    verb: CoordinatorVerb
-    query: Query
 
 
 @dataclass(slots=True)
@@ -235,38 +211,29 @@ class LineService:
                 continue
             try:
                 self._take(item, turn)
-            except (ValidationError, _NotUnderstood) as error:
+            except NotUnderstood as error:
                 rejection = RequestRejected(
-                    what=f"The request was not understood: {_first_problem(error)}.",
+                    what=f"The request was not understood: {error}.",
                     fault=Fault.OPERATOR.value,
                     remedy="see that both sides run the same version of Testloom.",
                 )
                 turn.answers.append((item.query, rejection))
 
     def _take(self, request: Request, turn: _Turn) -> None:
-        query = request.query
-        if request.verb == "request":
-            asked = CLIENT_REQUEST.validate_json(query.payload)
-            if isinstance(asked, OrderUnits):
-                self._handle(UnitsOrdered(at_s=self._now_s(), order=asked), request, turn)
-            else:
-                turn.views.append((query, asked))
-            return
-        message = STATION_REQUEST.validate_json(query.payload)
-        if message.station != sender_of(query.key):
-            raise _NotUnderstood(f"{sender_of(query.key)} speaks for {message.station}")
-        if isinstance(message, RegisterStation):
-            _check_names(message)
-            _check_fences(lease.fence for lease in message.held)
-            self._handle(StationRegistered(at_s=self._now_s(), registration=message), request, turn)
-        elif isinstance(message, RenewLeases):
-            self._handle(StationRenewed(at_s=self._now_s(), renewal=message), request, turn)
-        else:
-            self._submit(message, request, turn)
+        match understood(request):
+            case OrderUnits() as order:
+                self._handle(UnitsOrdered(at_s=self._now_s(), order=order), request, turn)
+            case RegisterStation() as registration:
+                self._handle(StationRegistered(at_s=self._now_s(), registration=registration), request, turn)
+            case RenewLeases() as renewal:
+                self._handle(StationRenewed(at_s=self._now_s(), renewal=renewal), request, turn)
+            case SubmitRecords() as submission:
+                self._submit(submission, request, turn)
+            case asked:
+                turn.views.append((request.query, asked))
 
     def _submit(self, message: SubmitRecords, request: Request, turn: _Turn) -> None:
         records = {(s.record.attempt_id, s.record.lease.fence): s.record for s in message.records}
-        _check_fences(fence for _, fence in records)
         event = RecordsSubmitted(
             at_s=self._now_s(),
             station=message.station,
@@ -390,30 +357,3 @@ class LineService:
             _, _, timer, subject = heappop(self._timers)
             due.append(TimerExpired(at_s=now_s, timer=timer, subject=subject))
         return due
-
-
-class _NotUnderstood(Exception):
-    """A request that says two things at once."""
-
-
-def _check_names(registration: RegisterStation) -> None:
-    try:
-        checked_name(registration.station, "station")
-        for description in registration.sockets:
-            checked_name(description.socket, "socket")
-    except TestloomError as error:
-        raise _NotUnderstood(error.what.rstrip(".")) from None
-
-
-def _check_fences(fences: Iterable[int]) -> None:
-    for fence in fences:
-        if fence > MAX_FENCE:
-            raise _NotUnderstood(f"no line has given out {fence} leases")
-
-
-def _first_problem(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        return f"at {place or 'the top'}: {first['msg']}"
-    return str(error)

@@ -18,12 +18,10 @@ from protocol.frozen_model import FrozenModel
 from protocol.line_views import OrderUnits
 from protocol.outcomes import Outcome
 from protocol.plans import PlanReference
-from protocol.station_messages import RegisterStation, RenewLeases
+from protocol.station_messages import MAX_RECORDS_PER_SUBMISSION, RegisterStation, RenewLeases
 
 JOURNAL_FORMAT = 1
 """Raised when a fact changes its meaning; a journal of another format is refused."""
-
-MAX_RECORDS_PER_EVENT = 64
 
 
 class LineSettings(FrozenModel):
@@ -156,7 +154,7 @@ class RecordsSubmitted(FrozenModel):
     at_s: float
     station: str
     incarnation: int
-    records: tuple[RecordSummary, ...] = Field(max_length=MAX_RECORDS_PER_EVENT)
+    records: tuple[RecordSummary, ...] = Field(max_length=MAX_RECORDS_PER_SUBMISSION)
 
 
 class LeaseOverran(FrozenModel):

@@ -14,7 +14,7 @@ import yaml
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from protocol.errors import Fault, PlanError
-from protocol.frozen_model import FrozenModel
+from protocol.frozen_model import FrozenModel, first_problem
 from protocol.measurements import MeasurementSpecification, Value
 from protocol.plan_yaml import load_plan_yaml
 
@@ -138,8 +138,10 @@ def parse_plan(text: str, *, where: str, known_steps: Mapping[str, frozenset[str
         raise _refused("The plan is not a YAML mapping.", where)
     try:
         plan = Plan.model_validate_json(json.dumps(document))
-    except (ValidationError, TypeError, ValueError) as error:
-        raise _refused(f"The plan cannot be used: {_first_problem(error)}.", where) from None
+    except ValidationError as error:
+        raise _refused(f"The plan cannot be used: {first_problem(error)}.", where) from None
+    except (TypeError, ValueError) as error:  # YAML can say what JSON cannot
+        raise _refused(f"The plan cannot be used: {error}.", where) from None
     for step in plan.steps():
         if step.step not in known_steps:
             raise _refused(
@@ -155,14 +157,6 @@ def parse_plan(text: str, *, where: str, known_steps: Mapping[str, frozenset[str
                     where,
                 )
     return plan
-
-
-def _first_problem(error: Exception) -> str:
-    if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"] if part not in ("Step", "Parallel"))
-        return f"at {place or 'the top'}: {first['msg'].removeprefix('Value error, ')}"
-    return str(error)
 
 
 def _refused(what: str, where: str) -> PlanError:

@@ -26,6 +26,7 @@ from protocol.attempts import AttemptRecord
 from protocol.coordinator_commands import KeepRecord, KeepUnit
 from protocol.coordinator_events import FACT, JOURNAL_FORMAT, Fact
 from protocol.errors import Fault
+from protocol.frozen_model import first_problem
 from protocol.line_views import Alarm, AttemptView
 from protocol.measurements import Measurement
 
@@ -148,6 +149,7 @@ class LineStore:
 
         Raises:
             StoreUnavailableError: the database cannot be read.
+            StoreDamagedError: a record is not what was written; the line can go on without this view.
         """
         attempts = tables.ATTEMPTS
         query = (
@@ -161,14 +163,19 @@ class LineStore:
                 rows = connection.execute(query).all()
         except DBAPIError as error:
             raise schema.store_error(error, self._engine) from None
-        return tuple(
-            AttemptView(
-                record=AttemptRecord.model_validate_json(row.record),
-                set_aside=bool(row.set_aside),
-                received_at_s=row.received_at_s,
+        try:
+            return tuple(
+                AttemptView(
+                    record=AttemptRecord.model_validate_json(row.record),
+                    set_aside=bool(row.set_aside),
+                    received_at_s=row.received_at_s,
+                )
+                for row in rows
             )
-            for row in rows
-        )
+        except ValidationError as error:
+            raise self._damaged(
+                "attempts", f"a record of {serial} cannot be read ({first_problem(error)})"
+            ) from None
 
     def recent_alarms(self, limit: int) -> tuple[Alarm, ...]:
         """The last alarms, oldest first.
@@ -213,20 +220,22 @@ class LineStore:
 
     def _checked(self, sequence: int, text: str, digest: str) -> Fact:
         if sequence != self._sequence + 1:
-            raise self._damaged(f"lines {self._sequence + 1} to {sequence - 1} are missing")
+            raise self._damaged("journal", f"lines {self._sequence + 1} to {sequence - 1} are missing")
         if _chained(self._digest, text) != digest:
-            raise self._damaged(f"line {sequence} is not as it was written")
+            raise self._damaged("journal", f"line {sequence} is not as it was written")
         try:
             fact = FACT.validate_json(text)
         except ValidationError as error:
-            raise self._damaged(f"line {sequence} cannot be read: {error.errors()[0]['msg']}") from None
+            raise self._damaged(
+                "journal", f"line {sequence} cannot be read: {first_problem(error)}"
+            ) from None
         self._sequence, self._digest = sequence, digest
         return fact
 
-    def _damaged(self, what: str) -> StoreDamagedError:
+    def _damaged(self, table: str, what: str) -> StoreDamagedError:
         return StoreDamagedError(
-            f"The journal is damaged: {what}.",
-            where=f"{self.place}, table journal",
+            f"The table '{table}' is damaged: {what}.",
+            where=self.place,
             fault=Fault.DATA,
             remedy="restore the database from a backup; stations keep every record not acknowledged.",
         )

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from protocol.attempts import Lease
 from protocol.bench_description import BenchDescription
 from protocol.errors import Fault, TestloomError
+from protocol.frozen_model import first_problem
 from protocol.plans import Plan
 from protocol.station_messages import SocketProgress
 from stations.drivers.arbitration import Arbitration
@@ -61,9 +62,7 @@ def read_description(path: Path) -> BenchDescription:
             remedy="start the bench (`testloom bench`), or write the description of your hardware.",
         ) from None
     except ValidationError as error:
-        first = error.errors()[0]
-        problem = f"at {'.'.join(str(part) for part in first['loc']) or 'the top'}: {first['msg']}"
-        raise _not_a_description(path, problem) from None
+        raise _not_a_description(path, first_problem(error)) from None
     except (ValueError, UnicodeDecodeError) as error:
         raise _not_a_description(path, str(error)) from None
 

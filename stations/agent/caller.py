@@ -8,6 +8,7 @@ import structlog
 from pydantic import ValidationError
 
 from protocol.adapters.zenoh_link import NoReplyError, RequestRejectedError, ZenohLink
+from protocol.frozen_model import first_problem
 from protocol.keys import CoordinatorVerb, coordinator_key
 from protocol.station_messages import (
     STATION_REPLY,
@@ -73,7 +74,7 @@ class CoordinatorCaller:
             _log.error("question_rejected", question=question.kind, what=error.what, remedy=error.remedy)
             return None
         except ValidationError as error:
-            _log.error("reply_not_understood", question=question.kind, problem=str(error.errors()[0]["msg"]))
+            _log.error("reply_not_understood", question=question.kind, problem=first_problem(error))
             return None
         if self._silent:
             _log.info("coordinator_answers", question=question.kind)

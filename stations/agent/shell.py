@@ -21,6 +21,7 @@ from protocol.adapters.structured_log import log_as_json
 from protocol.adapters.zenoh_link import IncomingQuery, ZenohLink, open_link
 from protocol.bench_description import BenchDescription
 from protocol.errors import Fault, PlanError, TestloomError
+from protocol.frozen_model import first_problem
 from protocol.keys import alive_key, checked_name, station_command_key, station_live_key
 from protocol.plans import Plan
 from protocol.station_messages import (
@@ -232,7 +233,7 @@ class AgentShell:
         try:
             command = STATION_COMMAND.validate_json(query.payload)
         except ValidationError as error:
-            problem = f"This is not a command to a station: {error.errors()[0]['msg']}."
+            problem = f"This is not a command to a station: {first_problem(error)}."
             query.reject(problem, Fault.TESTLOOM, "send StartSequence or AbortSequence.")
             return
         self._asked += 1  # only the link's thread counts here

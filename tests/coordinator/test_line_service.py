@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from sqlalchemy import create_engine, text
 
-from coordinator.line_service import LineService, Request
+from coordinator.line_service import LineService
+from coordinator.requests import Request
 from coordinator.store.schema import StoreConflictError, StoreDamagedError
 from protocol.attempts import Lease, SpooledRecord, UnitIdentity
 from protocol.coordinator_events import LineSettings, SequenceAccepted
@@ -237,6 +238,17 @@ def test_an_unknown_serial_is_an_error_and_not_an_empty_answer(driver) -> None:
     what, fault, _ = driver.ask("request", GetUnit(serial="GM-9"), "cli").rejections[0]
     assert "'GM-9' is not known" in what
     assert fault is Fault.OPERATOR
+
+
+def test_a_record_that_cannot_be_read_costs_its_view_and_not_the_line(driver, submission) -> None:
+    driver.ask("submit", submission(driver.begin()))
+    driver.sql("""update attempts set record = '{"format": "testloom-attempt/0"}'""")
+    query = driver.ask("request", GetUnit(serial="GM-1"), "cli")
+    assert query.rejections
+    what, fault, _ = query.rejections[0]
+    assert "a record of GM-1 cannot be read" in what
+    assert fault is Fault.DATA
+    assert driver.ask("request", GetLineStatus(), "cli").answers[0]["attempts_recorded"] == 1
 
 
 def test_nobody_sees_what_is_not_committed(driver, submission, monkeypatch: pytest.MonkeyPatch) -> None:
