@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.table import Table
@@ -164,12 +165,12 @@ def _client(line: str, router: str) -> "Iterator[LineClient]":
 
 
 def _status_view(now: "LineStatus") -> RenderableType:
-    from cli.line_display import disposition_text, yield_table
+    from cli.line_display import alarm_words, disposition_text, yield_table
 
     stations = Table(title=say("Line {line}", line=now.line), header_style="bold")
-    for heading in ("Station", "State", "Socket", "Unit", "Operation", "Since"):
+    for heading in ("Station", "State", "Socket", "Serial", "Operation", "Since"):
         stations.add_column(say(heading))
-    for station in now.stations:
+    for station in sorted(now.stations, key=lambda entry: entry.station):
         for socket in station.sockets:
             since = "" if socket.leased_since_s is None else f"{now.at_s - socket.leased_since_s:.0f} s"
             stations.add_row(
@@ -181,7 +182,7 @@ def _status_view(now: "LineStatus") -> RenderableType:
                 since,
             )
     waiting = Table(title=say("Waiting"), header_style="bold")
-    for heading in ("Position", "Unit", "Disposition", "Waits for"):
+    for heading in ("Position", "Serial", "Disposition", "Waits for"):
         waiting.add_column(say(heading))
     queued = [one for one in now.units if one.queue_position is not None]
     for one in sorted(queued, key=lambda entry: (entry.operation or "", entry.queue_position or 0)):
@@ -196,8 +197,7 @@ def _status_view(now: "LineStatus") -> RenderableType:
         parts.append(waiting)
     parts.append(yield_table(now.yield_report))
     for alarm in now.alarms[-MAX_ALARMS_SHOWN:]:
-        words = say(alarm.template, **alarm.values) if alarm.template else alarm.text
-        parts.append(Text(f"▲ {words}", style="yellow"))
+        parts.append(Text(f"▲ {alarm_words(alarm)}", style="yellow"))
     return Group(*parts)
 
 
@@ -214,43 +214,49 @@ def _unit_view(history: "UnitHistory") -> RenderableType:
         head.append(f"  {why}", style="dim")
     parts: list[RenderableType] = [head]
     for view in history.attempts:
-        parts.append(_attempt_table(view))
+        parts.append(_attempt_view(view))
     if not history.attempts:
         parts.append(Text(say("No attempt yet."), style="dim"))
     return Group(*parts)
 
 
-def _attempt_table(view: "AttemptView") -> Table:
+def _attempt_view(view: "AttemptView") -> RenderableType:
+    """An attempt: its outcome and why, then each step with its measurements below it."""
     record = view.record
-    title = f"{record.attempt_id}  {record.lease.station}/{record.lease.socket}  {say(record.outcome.value)}"
+    passed = record.outcome.value == "PASS"
+    title = Text(f"{record.attempt_id}  {record.lease.station}/{record.lease.socket}  ", style="bold")
+    title.append(say(record.outcome.value), style="green" if passed else "bold red")
     if view.set_aside:
-        title += f"  ({say('set aside: its lease was no longer valid')})"
+        title.append(f"  ({say('set aside: its lease was no longer valid')})", style="yellow")
+    parts: list[RenderableType] = [Text(), title]
     if record.message:
-        title += f"\n{record.message}"
-    table = Table(title=title, title_justify="left", header_style="bold")
-    for heading in ("Step", "Measurement", "Value", "Limits", "Unit of measure", "Outcome"):
-        table.add_column(say(heading))
+        parts.append(Text(record.message))
+    table = Table(header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column(say("Step, measurement"), overflow="fold")
+    for heading in ("Value", "Limits", "Unit of measure", "Outcome"):
+        table.add_column(say(heading), no_wrap=heading != "Unit of measure")
     for step in record.steps:
+        table.add_row(Text(step.step, style="bold"), "", "", "", _outcome_text(step.outcome.value))
         for measurement in step.measurements:
             specification = measurement.specification
-            passed = measurement.outcome.value == "PASS"
             table.add_row(
-                step.step,
-                specification.name,
+                f"  {specification.name}",
                 "–" if measurement.value is None else _figure(measurement.value),
                 _limits(specification),
                 specification.unit,
-                Text(say(measurement.outcome.value), style="green" if passed else "bold red"),
+                _outcome_text(measurement.outcome.value),
             )
-        if not step.measurements or step.message:
-            passed = step.outcome.value == "PASS"
-            style = "green" if passed else "bold red"
-            table.add_row(step.step, step.message, "", "", "", Text(say(step.outcome.value), style=style))
+        if step.message and step.outcome.value != "PASS":
+            table.add_row(Text(f"  {step.message}", style="red"))
+    parts.append(table)
     for recording in record.recordings:
-        table.add_row(
-            say("recording"), recording.sha256[:16], str(recording.sample_count), recording.path, "", ""
-        )
-    return table
+        kept = {"samples": recording.sample_count, "path": recording.path}
+        parts.append(Text(say("raw data: {samples} samples in {path}", **kept), overflow="fold"))
+    return Group(*parts)
+
+
+def _outcome_text(outcome: str) -> Text:
+    return Text(say(outcome), style="green" if outcome == "PASS" else "bold red")
 
 
 def _limits(specification: "MeasurementSpecification") -> str:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich.columns import Columns
 from rich.console import Group, RenderableType
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -12,7 +13,7 @@ from rich.text import Text
 
 from cli.line_summary import Truth
 from protocol.language import say
-from protocol.line_views import LineStatus, UnitStatus, YieldReport
+from protocol.line_views import Alarm, LineStatus, SocketStatus, UnitStatus, YieldReport
 from protocol.outcomes import Disposition
 
 DISPOSITION_STYLE = {
@@ -38,8 +39,17 @@ def disposition_text(disposition: Disposition) -> Text:
     return Text(f"{MARKS[disposition]} {say(disposition.value)}", style=DISPOSITION_STYLE[disposition])
 
 
-def live_view(status: LineStatus, elapsed_s: float, story: Sequence[str]) -> RenderableType:
-    """The line at work."""
+def starting_view(line: str, elapsed_s: float, story: Sequence[str]) -> RenderableType:
+    """The line before anybody answers for it."""
+    head = Text(say("The line is starting, {elapsed:.0f} s …", elapsed=elapsed_s))
+    parts: list[RenderableType] = [head, *(Text(f"• {words}", style="dim") for words in story[-3:])]
+    return Panel(Group(*parts), title=say("Line {line}", line=line), border_style="blue")
+
+
+def live_view(
+    status: LineStatus, elapsed_s: float, story: Sequence[str], stations: Sequence[str]
+) -> RenderableType:
+    """The line at work. `stations`: all that belong to it, also those that nobody has heard of yet."""
     done = sum(1 for unit in status.units if unit.operation is None)
     total = max(1, len(status.units))
     head = Table.grid(expand=True, padding=(0, 2))
@@ -51,10 +61,15 @@ def live_view(status: LineStatus, elapsed_s: float, story: Sequence[str]) -> Ren
         ProgressBar(total=total, completed=done),
         _time_left(status, elapsed_s),
     )
-    parts: list[RenderableType] = [head, _stations_table(status), _queue_and_yield(status)]
-    parts.extend(Text(f"▲ {alarm.text}", style="yellow") for alarm in status.alarms[-3:])
+    parts: list[RenderableType] = [head, _stations_table(status, stations), _queue_and_yield(status)]
+    parts.extend(Text(f"▲ {alarm_words(alarm)}", style="yellow") for alarm in status.alarms[-3:])
     parts.extend(Text(f"• {line}", style="dim") for line in story[-3:])
     return Panel(Group(*parts), title=say("Line {line}", line=status.line), border_style="blue")
+
+
+def alarm_words(alarm: Alarm) -> str:
+    """An alarm in the chosen language."""
+    return say(alarm.template, **alarm.values) if alarm.template else alarm.text
 
 
 def progress_line(status: LineStatus, elapsed_s: float) -> str:
@@ -150,32 +165,49 @@ def summary_lines(summary: Mapping[str, Any]) -> list[Text]:
     return lines
 
 
-def _stations_table(status: LineStatus) -> Table:
+def _stations_table(status: LineStatus, stations: Sequence[str]) -> Table:
     table = Table(expand=True, header_style="bold", box=None)
-    for heading in ("Station", "State", "Sockets"):
-        table.add_column(say(heading), ratio=3 if heading == "Sockets" else 1)
-    for station in sorted(status.stations, key=lambda entry: entry.station):
-        sockets = Text()
-        for socket in station.sockets:
-            occupied = f"{socket.serial} {socket.operation}" if socket.serial else say("free")
-            sockets.append(f"[{socket.socket}] {occupied}   ", style="cyan" if socket.serial else "dim")
-        style = "green" if station.state == "ready" else "bold red"
-        table.add_row(station.station, Text(say(station.state), style=style), sockets)
+    for heading in ("Station", "State", "Operation"):
+        table.add_column(say(heading), no_wrap=True)
+    table.add_column(say("Sockets"), ratio=1)
+    known = {entry.station: entry for entry in status.stations}
+    for name in sorted({*stations, *known}):
+        entry = known.get(name)
+        if entry is None:
+            table.add_row(name, Text(say("starting"), style="yellow"), "", "")
+            continue
+        operations = sorted({operation for socket in entry.sockets for operation in socket.operations})
+        style = "green" if entry.state == "ready" else "bold red"
+        sockets = Columns([_socket_text(socket, status.at_s) for socket in entry.sockets], padding=(0, 3))
+        table.add_row(name, Text(say(entry.state), style=style), " ".join(operations), sockets)
     return table
+
+
+def _socket_text(socket: SocketStatus, now_s: float) -> Text:
+    """A socket with its unit and how long it has been there; never broken over two lines."""
+    if socket.serial is None:
+        return Text(f"[{socket.socket}] {say('free')}", style="dim", no_wrap=True)
+    since = "" if socket.leased_since_s is None else f" {max(0.0, now_s - socket.leased_since_s):.0f} s"
+    return Text(f"[{socket.socket}] {socket.serial}{since}", style="cyan", no_wrap=True)
 
 
 def _queue_and_yield(status: LineStatus) -> Table:
     grid = Table.grid(expand=True, padding=(0, 3))
-    waiting = "  ".join(f"{name}: {count}" for name, count in status.queue_lengths.items())
+    grid.add_column(no_wrap=True)
+    grid.add_column(ratio=1)
+    waiting = "   ".join(f"{name} {count}" for name, count in status.queue_lengths.items())
     counts = Counter(unit.disposition for unit in status.units)
     kinds = Text()
-    for disposition, count in counts.items():
+    for disposition, count in sorted(counts.items(), key=lambda item: list(MARKS).index(item[0])):
         kinds.append_text(disposition_text(disposition))
         kinds.append(f" {count}   ")
-    yields = "  ".join(f"{entry.operation} {_percent(entry.fpy)}" for entry in status.yield_report.operations)
+    yields = [
+        f"{entry.operation} {_percent(entry.fpy)} ({entry.first_passes}/{entry.first_attempts})"
+        for entry in status.yield_report.operations
+    ]
     grid.add_row(say("Waiting"), waiting or "0")
     grid.add_row(say("Units"), kinds)
-    grid.add_row("FPY", f"{yields}   RTY {_percent(status.yield_report.rty)}")
+    grid.add_row(say("FPY"), "   ".join([*yields, f"RTY {_percent(status.yield_report.rty)}"]))
     return grid
 
 

@@ -3,17 +3,19 @@
 import hashlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
 from rich.live import Live
+from rich.text import Text
 
 from cli.line_client import LineClient, line_client
-from cli.line_display import live_view, progress_line, summary_lines, units_table, yield_table
+from cli.line_display import live_view, progress_line, starting_view, summary_lines, units_table, yield_table
 from cli.line_layout import LineLayout
 from cli.line_summary import Truth
 from cli.process_group import ProcessGroup
+from cli.router_command import DEFAULT_LISTEN
 from protocol.adapters.zenoh_link import NoReplyError, RequestRejectedError
 from protocol.attempts import UnitIdentity
 from protocol.errors import Fault, TestloomError
@@ -25,6 +27,7 @@ POLL_S = 0.3
 LOG_PERIOD_S = 3.0
 MAX_STORY = 100
 STATUS_PATIENCE_S = 0.0
+STAY_PATIENCE_S = 3600.0
 
 
 class LineWatch:
@@ -39,13 +42,17 @@ class LineWatch:
         self._last_logged_s = 0.0
         self._restarts: dict[str, int] = {}
         self._told = ""
+        self._starting: Live | None = None
 
     def announce(self) -> None:
-        """Say where everything is."""
-        self._console.print(say("Everything of this run is in {directory}", directory=self._layout.directory))
+        """Say where everything is, and how to ask this line."""
+        self._say(say("Everything of this run is in {directory}", directory=self._layout.directory))
         if self._layout.dashboard_port is not None:
             address = f"http://127.0.0.1:{self._layout.dashboard_port}"
-            self._console.print(say("The line's page: {address}", address=address))
+            self._say(say("The line's page: {address}", address=address))
+        if self._layout.router_endpoint != DEFAULT_LISTEN:
+            option = f"--router {self._layout.router_endpoint}"
+            self._say(say("Another line has the usual port; ask this one with {option}", option=option))
 
     def order(self, units: int, timeout_s: float) -> OrderUnits:
         """Put a lot on the line as soon as the coordinator answers.
@@ -60,8 +67,11 @@ class LineWatch:
             for number in range(1, units + 1)
         )
         order = OrderUnits(order_id=f"order-{lot}", route=route, units=identities)
-        with self._client(timeout_s) as client:
-            self._ask_until_answered(lambda: client.ask(order, OrderAccepted, 0.0), timeout_s)
+        with self._live() as live:
+            self._starting = live
+            with self._client(timeout_s) as client:
+                self._ask_until_answered(lambda: client.ask(order, OrderAccepted, 0.0), timeout_s)
+            self._starting = None
         return order
 
     def until_finished(self, timeout_s: float) -> LineStatus:
@@ -70,12 +80,8 @@ class LineWatch:
         Raises:
             TestloomError: the line made no end in time, or a process died too often.
         """
-        with ExitStack() as stack:
-            client = stack.enter_context(self._client(timeout_s))
-            live: Live | None = None
-            if self._console.is_terminal and not self._console.quiet:
-                live = stack.enter_context(Live(console=self._console, refresh_per_second=4, transient=True))
-            deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.monotonic() + timeout_s
+        with self._client(timeout_s) as client, self._live() as live:
             while time.monotonic() < deadline_s:
                 status = self._status(client)
                 if status is not None:
@@ -97,15 +103,22 @@ class LineWatch:
             self._tend()
             time.sleep(POLL_S)
 
-    def until_interrupted(self) -> None:
-        """Keep the line up for people to look at. Ctrl-C ends it, and that is no error."""
-        self._console.print(say("All units are done. The line stays up; end it with Ctrl-C."))
+    def until_interrupted(self, status: LineStatus) -> LineStatus:
+        """Keep the line up for people to look at and to order more. Ctrl-C ends it, and that is no error.
+
+        Returns the last that was seen of the line, whose units are then more than those of the first order.
+        """
+        self._say(say("All units are done. The line stays up; end it with Ctrl-C."))
         try:
-            while True:
-                self._tend()
-                time.sleep(POLL_S)
+            with self._client(STAY_PATIENCE_S) as client, self._live() as live:
+                while True:
+                    status = self._status(client) or status
+                    if live is not None:
+                        self._show(status, live)
+                    self._tend()
+                    time.sleep(POLL_S)
         except KeyboardInterrupt:
-            return
+            return status
 
     def show_result(
         self, status: LineStatus, summary: Mapping[str, Any], truths: Mapping[str, Truth]
@@ -114,10 +127,10 @@ class LineWatch:
         self._console.print(units_table(status.units, truths))
         self._console.print(yield_table(status.yield_report))
         for line in summary_lines(summary):
-            self._console.print(line)
+            self._say(line)
         for name, count in self._restarts.items():
-            self._console.print(say("{name} was started again {count} times", name=name, count=count))
-        self._console.print(
+            self._say(say("{name} was started again {count} times", name=name, count=count))
+        self._say(
             say(
                 "{wall:.1f} s from the start of the line. Records: {database}; raw data: {recordings}",
                 wall=summary["wall_s"],
@@ -125,6 +138,19 @@ class LineWatch:
                 recordings=self._layout.recordings,
             )
         )
+
+    def _say(self, words: str | Text) -> None:
+        """A sentence on one line, however wide the terminal: paths are to be copied, lines to be searched."""
+        self._console.print(words, soft_wrap=True, markup=False)
+
+    @contextmanager
+    def _live(self) -> Iterator[Live | None]:
+        """The line as a picture that stays in its place; None where nobody looks at a terminal."""
+        if not self._console.is_terminal or self._console.quiet:
+            yield None
+            return
+        with Live(console=self._console, refresh_per_second=4, transient=True) as live:
+            yield live
 
     @contextmanager
     def _client(self, timeout_s: float) -> Iterator[LineClient]:
@@ -169,15 +195,15 @@ class LineWatch:
             self._told = words
             self._story = [*self._story, words][-MAX_STORY:]
             if not self._console.is_terminal:
-                self._console.print(words)
+                self._say(words)
 
     def _show(self, status: LineStatus, live: Live | None) -> None:
         elapsed_s = time.monotonic() - self._started_s
         if live is not None:
-            live.update(live_view(status, elapsed_s, self._story))
+            live.update(live_view(status, elapsed_s, self._story, tuple(self._layout.stations())))
         elif elapsed_s - self._last_logged_s >= LOG_PERIOD_S or status.finished:
             self._last_logged_s = elapsed_s
-            self._console.print(progress_line(status, elapsed_s))
+            self._say(progress_line(status, elapsed_s))
 
     def _tend(self) -> None:
         news = self._group.tend()
@@ -185,7 +211,10 @@ class LineWatch:
         self._restarts = self._group.restarts()
         if not self._console.is_terminal:
             for line in news:
-                self._console.print(line)
+                self._say(line)
+        if self._starting is not None:
+            elapsed_s = time.monotonic() - self._started_s
+            self._starting.update(starting_view(self._layout.line, elapsed_s, self._story))
         given_up = self._group.given_up()
         if given_up:
             raise TestloomError(

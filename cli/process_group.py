@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
+from protocol.language import say
+
 RESTART_DELAY_FIRST_S = 0.2
 RESTART_DELAY_MAX_S = 5.0
 HEALTHY_AFTER_S = 10.0
@@ -128,11 +130,14 @@ class ProcessGroup:
         name, code = running.specification.name, running.process.returncode
         if running.restarts >= MAX_RESTARTS:
             running.given_up = True
-            return f"{name} died {running.restarts + 1} times and is given up; see logs/{name}.log"
+            times = running.restarts + 1
+            return say(
+                "{name} died {times} times and is given up; see logs/{name}.log", name=name, times=times
+            )
         lived_s = now_s - running.started_at_s
         exponent = 0 if lived_s > HEALTHY_AFTER_S else min(running.restarts, 10)
         running.restart_at_s = now_s + min(RESTART_DELAY_MAX_S, RESTART_DELAY_FIRST_S * 1.5**exponent)
-        return f"{name} ended ({code}) and is started again"
+        return say("{name} ended ({code}) and is started again", name=name, code=code)
 
     def _spawn(self, specification: ProcessSpecification, log: IO[bytes]) -> subprocess.Popen[bytes]:
         return subprocess.Popen(

@@ -1,12 +1,11 @@
 """`testloom up`: a whole line on this machine, from an order of units to verdicts and yield."""
 
 import json
+import os
 import signal
-import socket
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from datetime import datetime
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,8 +13,10 @@ import typer
 
 from cli.line_layout import LineLayout
 from cli.process_group import ProcessGroup
+from cli.run_claims import LOOPBACK, claimed_folder, claimed_port, demanded_port
 from protocol.errors import Fault, TestloomError
 from protocol.language import chosen_language, say
+from protocol.line_views import LineStatus, OrderUnits
 
 LINE = "demo"
 ROUTER_PORT = 7447
@@ -24,6 +25,7 @@ MAX_UNITS = 1000
 START_TIMEOUT_S = 60.0
 LINE_TIMEOUT_S = 3600.0
 DRAIN_TIMEOUT_S = 10.0
+EXIT_INTERRUPTED = 130
 
 
 def up(
@@ -41,26 +43,34 @@ def up(
         str | None, typer.Option(help=say("Database URL; by default SQLite in the run's folder."))
     ] = None,
     dashboard: Annotated[bool, typer.Option(help=say("Serve the web page of the line."))] = True,
-    dashboard_port: Annotated[int | None, typer.Option(help=say("Port of the web page."))] = None,
+    dashboard_port: Annotated[
+        int | None, typer.Option(min=1, max=65535, help=say("Port of the web page."))
+    ] = None,
     stay: Annotated[bool, typer.Option(help=say("Stay up when all units are done, until Ctrl-C."))] = False,
     as_json: Annotated[bool, typer.Option("--json", help=say("Print the summary as JSON only."))] = False,
 ) -> None:
-    run_directory = _prepared(directory)
-    layout = LineLayout(
-        line=LINE,
-        directory=run_directory,
-        seed=seed,
-        functional_stations=functional_stations,
-        sockets_per_station=sockets,
-        turntables=turntables,
-        router_endpoint=f"tcp/127.0.0.1:{_port(ROUTER_PORT)}",
-        dashboard_port=(dashboard_port or _port(DASHBOARD_PORT)) if dashboard else None,
-        database_url=database or f"sqlite:///{run_directory / 'coordinator.sqlite'}",
-        pace=pace,
-        language=chosen_language(),
-    )
-    with _terminated_as_interrupted():
-        result = _run_line(layout, units, quiet=as_json, stay=stay)
+    _require_place_for(summary)
+    run_directory = claimed_folder(directory)
+    with ExitStack() as claims:
+        claims.enter_context(_terminated_as_interrupted())
+        layout = LineLayout(
+            line=LINE,
+            directory=run_directory,
+            seed=seed,
+            functional_stations=functional_stations,
+            sockets_per_station=sockets,
+            turntables=turntables,
+            router_endpoint=f"tcp/{LOOPBACK}:{claims.enter_context(claimed_port(ROUTER_PORT))}",
+            dashboard_port=_page_port(dashboard_port, claims) if dashboard else None,
+            database_url=database or f"sqlite:///{run_directory / 'coordinator.sqlite'}",
+            pace=pace,
+            language=chosen_language(),
+        )
+        try:
+            result = _run_line(layout, units, quiet=as_json, stay=stay)
+        except KeyboardInterrupt:
+            typer.echo(say("Stopped. What was kept is in {directory}", directory=run_directory), err=True)
+            raise typer.Exit(EXIT_INTERRUPTED) from None
     if summary is not None:
         summary.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
     if as_json:
@@ -89,54 +99,46 @@ def _run_line(layout: LineLayout, units: int, *, quiet: bool, stay: bool) -> dic
         wall_s = time.monotonic() - started_s
         watch.until_spools_are_empty(DRAIN_TIMEOUT_S)
         if stay:
-            watch.until_interrupted()
+            status = watch.until_interrupted(status)
     finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not leave processes behind
-        group.stop()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-    result, truths = audited_summary(layout, status, [unit.serial for unit in order.units], wall_s)
+        with _undisturbed():  # a second Ctrl-C must not leave processes behind
+            group.stop()
+    result, truths = audited_summary(layout, status, _serials_to_judge(order, status), wall_s)
     if not quiet:
         watch.show_result(status, result, truths)
     return result
 
 
-def _prepared(directory: Path | None) -> Path:
-    """The run's folder, made if it is not there; a run is never mixed into another."""
-    chosen = (directory or Path("runs") / datetime.now().strftime("%Y%m%d-%H%M%S")).resolve()
-    if (chosen / "processes.json").exists():
+def _serials_to_judge(order: OrderUnits, status: LineStatus) -> list[str]:
+    """The run's own order, and what others put on the line since and has its disposition."""
+    own = [unit.serial for unit in order.units]
+    later = [u.unit.serial for u in status.units if u.operation is None and u.unit.serial not in set(own)]
+    return own + later
+
+
+def _page_port(demanded: int | None, claims: ExitStack) -> int:
+    if demanded is not None:
+        return demanded_port(demanded, "--dashboard-port")
+    return claims.enter_context(claimed_port(DASHBOARD_PORT))
+
+
+def _require_place_for(summary: Path | None) -> None:
+    """Refuse a summary that cannot be written before the line has worked for it."""
+    if summary is None:
+        return
+    folder = summary.resolve().parent
+    if summary.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
         raise TestloomError(
-            f"The folder {chosen} holds a run already.",
-            where=str(chosen),
+            f"The summary cannot be written to {summary}.",
+            where=str(summary.resolve()),
             fault=Fault.OPERATOR,
-            remedy="choose another folder with --dir, or move this one away.",
+            remedy="name a file in a folder that exists and may be written.",
         )
-    try:
-        for name in ("logs", "spools", "benches", "recordings", "sealed/units"):
-            (chosen / name).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise TestloomError(
-            f"The folder of the run cannot be made: {error.strerror}.",
-            where=str(chosen),
-            fault=Fault.OPERATOR,
-            remedy="choose another folder with --dir.",
-        ) from None
-    return chosen
-
-
-def _port(preferred: int) -> int:
-    """The preferred port of the loopback address, or a free one when it is taken."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind(("127.0.0.1", preferred))
-        except OSError:
-            probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM ends the run as Ctrl-C does: in order, with nothing left behind.
+    """SIGTERM, and a terminal that is closed, end the run as Ctrl-C does: in order, with nothing left behind.
 
     SIGINT too where a script started the run in the background, which hands it down as ignored.
     """
@@ -144,9 +146,24 @@ def _terminated_as_interrupted() -> Iterator[None]:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    ending = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup: it shall outlive its terminal
+        ending.append(signal.SIGHUP)
+    with _handled(ending, interrupt):
+        yield
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    with _handled([signal.SIGTERM, signal.SIGINT, signal.SIGHUP], signal.SIG_IGN):
+        yield
+
+
+@contextmanager
+def _handled(numbers: list[signal.Signals], handler: Any) -> Iterator[None]:
+    before = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, earlier in before.items():
+            signal.signal(number, earlier)
