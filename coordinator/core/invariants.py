@@ -8,7 +8,7 @@ Recomputed from first principles, the slow way; the core itself keeps everything
 from collections import Counter
 
 from coordinator.core.floor import Floor
-from coordinator.core.line_state import Unit
+from coordinator.core.line_state import HeldLease, Socket, Unit, socket_key
 from coordinator.core.transitions import LIVE_LEASE_STATES
 from coordinator.core.yield_statistics import YieldStatistics, judge
 from protocol.errors import Fault, TestloomError
@@ -20,10 +20,11 @@ class InvariantBroken(TestloomError):
 
 
 class InvariantChecker:
-    """Checks one line. Remembers the newest fence: fences grow strictly, also over restarts."""
+    """Checks one line. Remembers the newest fence: fences grow strictly, also over restarts, and a
+    lease is looked at once more closely when it is new."""
 
     def __init__(self) -> None:
-        self._last_fence = 0
+        self._last_fence: int | None = None
 
     def check(self, floor: Floor) -> None:
         """Check everything.
@@ -32,9 +33,13 @@ class InvariantChecker:
             InvariantBroken: with what is broken and the story of whom it is about.
         """
         line = floor.line
-        _must(line.last_fence >= self._last_fence, floor, 0, "the fence counter went back")
+        before = line.last_fence if self._last_fence is None else self._last_fence
+        _must(line.last_fence >= before, floor, 0, "the fence counter went back")
         self._last_fence = line.last_fence
         _check_leases(floor)
+        for lease in line.leases.values():
+            if lease.fence > before:
+                _check_place(floor, lease)
         _check_units(floor)
         _check_pools(floor)
         _check_counts(floor)
@@ -88,6 +93,33 @@ def _check_leases(floor: Floor) -> None:
     _must(
         set(floor.presence.renewed_until_s) == set(line.leases), floor, 0, "expiries are kept of ended leases"
     )
+
+
+def _check_place(floor: Floor, lease: HeldLease) -> None:
+    """A new lease is at a socket in service where nothing runs any more, and a retest is at another
+    socket than the failure's, unless there is none and it has waited."""
+    line, presence = floor.line, floor.presence
+
+    def in_service(socket: Socket) -> bool:
+        return socket.station not in presence.silent and socket.key not in presence.resting_until_s
+
+    unit, socket = line.units[lease.serial], line.sockets[lease.socket_key]
+    _must(in_service(socket), floor, lease.fence, f"work for {socket.key}, which is out of service")
+    _must(socket.key not in presence.lingering, floor, lease.fence, f"{socket.key} may still be at work")
+    failed_at = {
+        socket_key(attempt.station, attempt.socket)
+        for attempt in unit.attempts
+        if attempt.operation == lease.operation and judge(attempt.outcome, attempt.fault) == "failed"
+    }
+    if socket.key in failed_at:
+        others = [
+            other.key
+            for other in line.sockets.values()
+            if lease.operation in other.plans and other.key not in failed_at and in_service(other)
+        ]
+        _must(not others, floor, lease.serial, f"a retest where it failed, though there is {others}")
+        patient = lease.granted_at_s >= unit.queued_at_s + floor.settings.retest_patience_s
+        _must(patient, floor, lease.serial, "a retest where it failed, without waiting for another socket")
 
 
 def _check_units(floor: Floor) -> None:

@@ -9,10 +9,11 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any
 
-from coordinator.core import facts, line_core
-from coordinator.core.dispatch import Dispatcher
+from coordinator.core import dispatch, facts, line_core
+from coordinator.core.dispatch import Dispatcher, OperationQueue
 from coordinator.core.floor import Floor
-from coordinator.core.line_state import HeldLease, Socket, Unit
+from coordinator.core.line_state import HeldLease, Line, Socket, Unit
+from coordinator.core.transitions import LeaseTrigger
 from coordinator.core.yield_statistics import Judgement
 from coordinator.line_simulator.coordinator_model import CoordinatorModel
 from protocol.coordinator_commands import Command, Journal
@@ -132,6 +133,39 @@ def _lapsed_never() -> tuple[object, str, object]:
     return Floor, "watch_lease", watch_lease
 
 
+def _retest_where_it_failed() -> tuple[object, str, object]:
+    """A retest takes any free socket."""
+
+    def socket_for_retest(unit: Unit, queue: OperationQueue, line: Line, at_s: float) -> str:
+        del unit, line, at_s
+        return next(iter(queue.free))
+
+    return dispatch, "_socket_for_retest", socket_for_retest
+
+
+def _lingering_forgotten() -> tuple[object, str, object]:
+    """A socket whose lease lapsed counts as free, though its sequence may still run."""
+
+    def availability(self: Floor, socket: Socket) -> tuple[bool, bool]:
+        presence = self.presence
+        in_service = socket.station not in presence.silent and socket.key not in presence.resting_until_s
+        return in_service, in_service and not socket.fence
+
+    return Floor, "availability", availability
+
+
+def _fence_given_twice() -> tuple[object, str, object]:
+    """The fence of a refused lease is given out again."""
+    original = facts._end_lease
+
+    def end_lease(floor: Floor, lease: HeldLease, trigger: LeaseTrigger, at_s: float) -> tuple[Unit, Socket]:
+        if trigger == "refused":
+            floor.line.last_fence -= 1
+        return original(floor, lease, trigger, at_s)
+
+    return facts, "_end_lease", end_lease
+
+
 PLANTED_FAULTS: dict[str, Callable[[], tuple[object, str, object]]] = {
     "unfenced_lease": _unfenced_lease,
     "double_grant": _double_grant,
@@ -143,6 +177,9 @@ PLANTED_FAULTS: dict[str, Callable[[], tuple[object, str, object]]] = {
     "second_bench_accepted": _second_bench_accepted,
     "retest_forgotten": _retest_without_patience_timer,
     "lapsed_never": _lapsed_never,
+    "retest_where_it_failed": _retest_where_it_failed,
+    "lingering_forgotten": _lingering_forgotten,
+    "fence_given_twice": _fence_given_twice,
 }
 
 

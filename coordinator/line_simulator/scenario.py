@@ -44,11 +44,12 @@ ROUTE = Route(
 
 @dataclass(frozen=True)
 class Troubles:
-    """Of stations, per attempt; and of one socket that is always at fault."""
+    """Of stations, per attempt or offer; and of one socket that is always at fault."""
 
     disturbed: float
     hangs: float
     blamed_on_unit: float
+    refuses: float
     red_socket: str
 
 
@@ -76,6 +77,7 @@ class Scenario:
             disturbed=chance.choice((0.0, 0.05, 0.2)),
             hangs=chance.choice((0.0, 0.03, 0.1)),
             blamed_on_unit=chance.choice((0.0, 0.3)),
+            refuses=chance.choice((0.0, 0.05)),
             red_socket=chance.choice(sockets) if chance.random() < 0.3 else "",
         )
 
@@ -95,6 +97,7 @@ class Scenario:
                     ask=self._to_coordinator,
                     made=self.made.append,
                     renews_until_acknowledged=chance.random() < 0.7,
+                    refuses=lambda: chance.random() < self.troubles.refuses,
                 )
         return stations
 

@@ -55,6 +55,7 @@ class StationModel:
     ask: Ask
     made: Callable[[RecordSummary], None]
     renews_until_acknowledged: bool
+    refuses: Callable[[], bool] = lambda: False
     renewal_period_s: float = 1.0
     active: dict[str, Lease] = field(default_factory=dict[str, Lease])
     newest_fence: dict[str, int] = field(default_factory=dict[str, int])
@@ -99,6 +100,8 @@ class StationModel:
             return CommandRefused(fence=lease.fence, reason="stale_fence", text="a newer lease was here")
         if socket in self.active:
             return CommandRefused(fence=lease.fence, reason="socket_busy", text="another lease runs")
+        if self.refuses():  # a full spool, say; if the command comes again, it may be taken
+            return CommandRefused(fence=lease.fence, reason="stopping", text="the spool is full")
         self.active[socket], self.newest_fence[socket] = lease, lease.fence
         duration_s, outcome, fault = self.attempted(lease)
         self._later(duration_s, lambda: self._end(socket, lease.fence, outcome, fault))

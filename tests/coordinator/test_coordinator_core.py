@@ -310,6 +310,41 @@ def test_a_record_of_a_lease_that_was_never_given_is_kept_and_fences_go_beyond_i
     assert line.newest.fence == 501
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"attempt_id": "GM-1.functional.9"},
+        {"serial": "GM-2"},
+        {"station": "F2"},
+        {"socket": "B"},
+        {"plan_sha256": "c" * 64},
+    ],
+)
+def test_a_record_that_has_only_the_fence_of_a_lease_does_not_end_it(line, changes) -> None:
+    line.register("F1", sockets="AB")
+    line.register("F2")
+    line.order("GM-1", "GM-2")
+    lease = line.started[0]
+    foreign = line.summary(lease, Outcome.PASS, Fault.NONE).model_copy(update=changes)
+    line.submit_again(foreign)
+    assert line.kept[-1].set_aside
+    assert line.unit("GM-1").fence == lease.fence
+    assert line.unit("GM-1").attempts == []
+
+
+def test_an_agent_that_was_taken_over_keeps_no_lease_alive(line) -> None:
+    line.register("F1")
+    line.order("GM-1")
+    lease = line.newest
+    line.register("F1", incarnation=2)
+    line.wait(line.settings.lease_duration_s - 1.0)
+    answer = line.renew("F1", lease.fence, incarnation=1)
+    assert answer.revoked == (lease.fence,)
+    assert answer.register_again, "its registration is then refused, and it stops"
+    line.wait(1.5)
+    assert "lease_lapsed" in line.alarms
+
+
 def test_a_socket_that_only_disturbs_rests_ever_longer(line) -> None:
     line.register("F1")
     line.order("GM-1")
