@@ -42,6 +42,7 @@ class Misalignment(LinearEffect):
     )
     word: ClassVar[str] = "misalignment"
     stage: ClassVar[Stage] = Stage.MOUNTING
+    valid: ClassVar[str] = "Small angles: at 1° the neglected square is 1.5e-4."
 
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
@@ -70,6 +71,7 @@ class ScaleFactorError(LinearEffect):
     scale_factor_error: Triple = parameter(ZERO, "1", (-1.0, 1.0), "relative error of the scale factor")
     word: ClassVar[str] = "scale_factor_error"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+    valid: ClassVar[str] = "Any input; what depends on the input is non-linearity."
 
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
@@ -98,6 +100,7 @@ class Bias(LinearEffect):
     bias_si: Triple = parameter(ZERO, "{si}", (-0.1, 0.1), "output at zero input")
     word: ClassVar[str] = "bias"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+    valid: ClassVar[str] = "One run; turn-on differences are another value in each run."
 
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
@@ -178,6 +181,7 @@ class Saturation(CatalogueEffect):
     range_si: float = parameter(np.inf, "{si}", (0.0, np.inf), "largest output")
     word: ClassVar[str] = "saturation"
     stage: ClassVar[Stage] = Stage.QUANTISER
+    valid: ClassVar[str] = "A hard stop, the same on both sides and for the three sensors."
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """∂y/∂R is the sign of what is cut."""
@@ -215,6 +219,7 @@ class Quantisation(CatalogueEffect):
     quantum_si: float = parameter(0.0, "{si}", (0.0, 0.1), "step of the output")
     word: ClassVar[str] = "quantization"
     stage: ClassVar[Stage] = Stage.QUANTISER
+    valid: ClassVar[str] = "Rounding converters; one that cuts off has a bias of half a quantum besides."
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """∂y/∂q is the code, wherever the code does not just change."""

@@ -58,6 +58,7 @@ class WhiteNoise(StochasticEffect):
     density_si_per_sqrt_hz: Triple = parameter(ZERO, "{density}", (0.0, 0.1), "density N of the white noise")
     word: ClassVar[str] = "white_noise"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+    valid: ClassVar[str] = "Noise that is white up to half the sampling rate."
 
     def allan_deviation(self, spans_s: FloatArray, sample_period_s: float) -> FloatArray:
         """N / √τ (IEEE 952, annex C), (m, 3)."""
@@ -99,6 +100,7 @@ class BiasInstability(StochasticEffect):
     correlation_time_s: float = parameter(300.0, "s", (1e-3, 1e6), "correlation time T", held=True)
     word: ClassVar[str] = "bias_instability"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
+    valid: ClassVar[str] = "One correlation time; for a flat Allan curve over decades take the flicker form."
     excludes: ClassVar[tuple[str, ...]] = ("flicker_noise",)
 
     def allan_deviation(self, spans_s: FloatArray, sample_period_s: float) -> FloatArray:
