@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from calibration.algorithms.coefficients import TriadCoefficients
 from calibration.algorithms.temperature_compensation import (
@@ -106,6 +107,35 @@ def test_interpolated_nodes_beat_the_nearest_segment(fitted: TemperatureModel) -
         errors[lookup] = np.abs(back / G - inputs).max()
     assert errors["interpolated"] == pytest.approx(VECTORS["max_err_g_interpolated_5C"], rel=1e-3)
     assert errors["nearest_node"] == pytest.approx(VECTORS["max_err_g_nearest_5C_segment"], rel=1e-3)
+
+
+def test_a_remounted_six_position_test_is_worse() -> None:
+    """Paper 2's comparison: mounted anew at each temperature, 30 mg; with the frozen matrix, 5 mg."""
+    generator = np.random.default_rng(12)
+    six = np.concatenate([np.eye(3), -np.eye(3)])
+    tests = generator.normal(size=(50, 3))
+    tests /= np.linalg.norm(tests, axis=1, keepdims=True)
+    remounted, rows = [], []
+    for node in NODES:
+        tilt = generator.normal(0.0, np.radians(0.7), 3)
+        turn = Rotation.from_rotvec(tilt).as_matrix()
+        at_node, noise = np.full(6, node), generator.normal(0.0, 1e-3, (6, 3))
+        seen = emulated(six @ turn, at_node) + noise * G
+        solution = np.linalg.lstsq(np.column_stack([seen, np.ones(6)]), six * G, rcond=None)[0]
+        outputs = emulated(tests, np.full(50, node))
+        back = np.column_stack([outputs, np.ones(50)]) @ solution
+        remounted.append(np.abs(back / G - tests).max())
+        mounted = POSES @ turn
+        noise = generator.normal(0.0, 1e-3, (len(POSES), 3))
+        hot, room = emulated(mounted, np.full(24, node)), emulated(mounted, np.full(24, ROOM_C))
+        rows.append((hot + noise * G, room, np.full(24, node), np.zeros(24, dtype=int)))
+    readings = ThermalReadings(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    frozen = fit_temperature(readings, ROOM, ROOM_C)
+    outputs = np.concatenate([emulated(tests, np.full(50, node)) for node in NODES])
+    back = frozen.compensate(outputs, np.repeat(NODES, 50)).input_si
+    error = np.abs(back / G - np.tile(tests, (len(NODES), 1))).max()
+    assert max(remounted) > 0.02
+    assert error < 0.005
 
 
 def test_a_cross_coupling_that_moves_stays_in_the_residue(fitted: TemperatureModel) -> None:
