@@ -58,7 +58,7 @@ def understood(request: Request) -> ClientRequest | StationRequest:
         raise NotUnderstood(f"{sender_of(query.key)} speaks for {message.station}")
     if isinstance(message, RegisterStation):
         _check_names(message)
-        _check_fences(lease.fence for lease in message.held)
+        _check_fences((message.newest_fence, *(lease.fence for lease in message.held)))
     elif isinstance(message, SubmitRecords):
         _check_fences(spooled.record.lease.fence for spooled in message.records)
     return message

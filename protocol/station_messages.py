@@ -31,7 +31,8 @@ class RegisterStation(FrozenModel):
     takes over. `bench_identity`: what the bench calls itself (serial number of the fixture); the
     same station id on another bench is refused. `held`: leases being worked on right now.
     `spool_first`, `spool_last`: sequence numbers not yet acknowledged (0, 0 when none);
-    `spool_next` is the number that the next record will get.
+    `spool_next` is the number that the next record will get. `newest_fence`: the largest that was ever
+    started here, so that a coordinator with a new or restored journal gives out larger ones.
     """
 
     kind: Literal["RegisterStation"] = "RegisterStation"
@@ -44,6 +45,7 @@ class RegisterStation(FrozenModel):
     spool_first: int = 0
     spool_last: int = 0
     spool_next: int = 1
+    newest_fence: int = 0
 
 
 class StationAccepted(FrozenModel):

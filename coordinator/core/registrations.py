@@ -26,7 +26,7 @@ def station_registered(floor: Floor, fact: StationRegistered) -> None:
         _compare_spool(floor, station, registration, at_s)
     _describe_sockets(floor, station, registration)
     held = {lease.fence for lease in registration.held}
-    line.last_fence = max(line.last_fence, *held, 0)
+    line.last_fence = max(line.last_fence, registration.newest_fence, *held)  # stale below, to this station
     for fence in sorted(held):
         lease = line.leases.get(fence)
         if lease is not None and lease.station == station.station and lease.state == "OFFERED":

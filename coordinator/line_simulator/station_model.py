@@ -149,6 +149,7 @@ class StationModel:
             spool_first=self.spool[0].sequence_number if self.spool else 0,
             spool_last=self.spool[-1].sequence_number if self.spool else 0,
             spool_next=self.next_sequence,
+            newest_fence=max(self.newest_fence.values(), default=0),
         )
         event = StationRegistered(at_s=self.world.now_s, registration=registration)
         self._ask(event, self._registration_answered, self._register)

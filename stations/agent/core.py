@@ -235,6 +235,7 @@ class AgentCore:
             spool_first=min(self._spooled, default=0),
             spool_last=max(self._spooled, default=0),
             spool_next=self._next_number,
+            newest_fence=self._fences.newest,
         )
         return [on.Register(request)]
 

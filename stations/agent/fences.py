@@ -15,6 +15,11 @@ class FenceMemory:
         self._of_serial: dict[str, int] = {}
         self._newest = 0
 
+    @property
+    def newest(self) -> int:
+        """The largest fence that was started here; 0 if none was."""
+        return self._newest
+
     def remember(self, fence: int, socket: str, serial: str) -> None:
         """A lease was started."""
         self._newest = max(self._newest, fence)

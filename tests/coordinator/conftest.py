@@ -114,6 +114,7 @@ class LineDriver:
         bench: str = "",
         held: tuple[Lease, ...] = (),
         spool: tuple[int, int, int] | None = None,
+        newest_fence: int = 0,
     ) -> Any:
         first, last, following = spool or (0, 0, self.sequence.get(station, 0) + 1)
         registration = RegisterStation(
@@ -126,6 +127,7 @@ class LineDriver:
             spool_first=first,
             spool_last=last,
             spool_next=following,
+            newest_fence=newest_fence,
         )
         return self.handle(StationRegistered(at_s=self.now_s, registration=registration))
 

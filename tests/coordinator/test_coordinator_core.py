@@ -332,6 +332,12 @@ def test_a_record_that_has_only_the_fence_of_a_lease_does_not_end_it(line, chang
     assert line.unit("GM-1").attempts == []
 
 
+def test_a_line_with_a_new_journal_gives_out_fences_that_no_station_has_seen(line) -> None:
+    line.register("F1", newest_fence=700)
+    line.order("GM-1")
+    assert line.newest.fence == 701, "anything up to 700 is stale to this station"
+
+
 def test_an_agent_that_was_taken_over_keeps_no_lease_alive(line) -> None:
     line.register("F1")
     line.order("GM-1")

@@ -192,11 +192,12 @@ def test_no_sequence_starts_without_its_trace() -> None:
 
 def test_records_go_in_batches_and_stay_until_their_ids_are_echoed() -> None:
     backlog = {number: f"a-{number}" for number in range(1, 101)}
-    agent = AgentCore(IDENTITY, SpoolContent(backlog, 101))
+    agent = AgentCore(IDENTITY, SpoolContent(backlog, 101, ((40, "1", "U-1"), (77, "2", "U-2"))))
     (registration,) = agent.handle(on.AgentStarted())
     assert isinstance(registration, on.Register)
     request = registration.request
     assert (request.spool_first, request.spool_last, request.spool_next) == (1, 100, 101)
+    assert request.newest_fence == 77
     (submission,) = only(agent.handle(on.RegistrationAnswered(ACCEPTED)), on.Submit)
     assert submission.sequence_numbers == tuple(range(1, MAX_RECORDS_PER_SUBMISSION + 1))
     assert only(agent.handle(on.SubmissionAnswered(("never sent",))), on.DropRecords) == []
