@@ -14,7 +14,7 @@ from dut_emulator.effects.parameters import ZERO, Triple, as_tuples, parameter
 from dut_emulator.effects.stochastic import BiasInstability, StochasticEffect, gauss_markov_allan_deviation
 
 RATIO_OF_TIMES = 4.0
-"""Of neighbouring Gauss–Markov terms of flicker noise: its Allan curve is then flat to 1 %."""
+"""Of neighbouring Gauss–Markov terms of flicker noise; its spectrum then ripples by less than 1 %."""
 ALLAN_FLOOR_OF_FLICKER = 0.6643
 """√(2 ln 2 / π): the flat of the Allan deviation over B (IEEE 952, annex C)."""
 
@@ -29,11 +29,13 @@ class FlickerNoise(StochasticEffect):
     """
 
     coefficient_si: Triple = parameter(ZERO, "{si}", (0.0, 0.1), "coefficient B")
-    shortest_time_s: float = parameter(1.0, "s", (1e-4, 1e6), "least correlation time", held=True)
-    longest_time_s: float = parameter(4096.0, "s", (1e-4, 1e8), "greatest correlation time", held=True)
+    shortest_time_s: float = parameter(0.1, "s", (1e-4, 1e6), "least correlation time", held=True)
+    longest_time_s: float = parameter(6553.6, "s", (1e-4, 1e8), "greatest correlation time", held=True)
     word: ClassVar[str] = "flicker_noise"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
-    valid: ClassVar[str] = "Averaging times well inside shortest to longest; uninterrupted sampling."
+    valid: ClassVar[str] = (
+        "Flat to 1 % from 50 times the shortest to a fifteenth of the longest time; uninterrupted sampling."
+    )
     excludes: ClassVar[tuple[str, ...]] = ("bias_instability",)
 
     def correlation_times_s(self) -> FloatArray:

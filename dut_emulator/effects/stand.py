@@ -352,7 +352,7 @@ class CrankGeometry(LinearEffect):
     stage: ClassVar[Stage] = Stage.MOUNTING
     origin: ClassVar[str] = "stand"
     valid: ClassVar[str] = (
-        "A steady speed of the flywheel; terms of λ³ (1 % of the correction at λ = 0.2) are left out."
+        "A steady speed of the flywheel; terms of λ³ (2 % of the correction at λ = 0.2) are left out."
     )
     sensors: ClassVar[tuple[SensorName, ...]] = ("acc",)
 
