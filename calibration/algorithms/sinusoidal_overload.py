@@ -31,6 +31,9 @@ MIN_CYCLES = 4
 """Cycles whose scatter carries a standard uncertainty."""
 MAX_ASYMMETRY = 0.1
 """|K_a| beyond this is no small error of an accelerometer: pulses or halves are mixed up."""
+CORRELATION_SIGMAS = 2.5
+"""A lag-1 correlation of the cycles beyond this many of its standard deviations counts."""
+MAX_CORRELATION = 0.98
 _CLOSURE = 0.05
 """Largest |V+ - V-| / (V+ + V-) of a rig that comes back to where it started."""
 
@@ -138,8 +141,7 @@ class OverloadResult:
         asymmetry: K_a (1).
         odd_quadratic_nonlinearity_s2_m: K_2, s^2/m.
         covariance: of (K_a, K_2), shape (2, 2): scatter of the cycles or one pulse of counting, whichever
-            is larger, plus what is known only so far of K_0, K_1, K_2e and the grating. Cycles
-            are taken as independent.
+            is larger, plus what is known only so far of K_0, K_1, K_2e and the grating.
         random_covariance: the first part alone, shape (2, 2): what a comparison of overloads on one
             day sees.
         sensitivities: of the known quantities. Their shapes over overload (K_0 into K_a and K_1 into
@@ -148,6 +150,8 @@ class OverloadResult:
         sinusoid_shift: change of (K_a, K_2) had the halves been taken as sinusoidal; None without a stroke.
         half_ratio: S+ / S-: 1 for a sinusoid.
         cycles: how many.
+        correlation: of neighbouring cycles' (K_a, K_2), shape (2,), where it is significant, else 0. A bias
+            that wanders does that; the scatter is then widened by (1 + r) / (1 - r), as for an AR(1) series.
     """
 
     asymmetry: float
@@ -159,6 +163,7 @@ class OverloadResult:
     sinusoid_shift: tuple[float, float] | None
     half_ratio: float
     cycles: int
+    correlation: FloatArray
 
     @property
     def standard_uncertainty(self) -> FloatArray:
@@ -259,6 +264,7 @@ def calibrate_overload(
         sinusoid_shift=shift,
         half_ratio=float(squared[0] / squared[1]),
         cycles=cycles,
+        correlation=_correlation(each),
     )
 
 
@@ -307,11 +313,24 @@ def _random_covariance(each: FloatArray, per_pulse: FloatArray) -> FloatArray:
     counting = np.array([[2.0 * cycles, shared], [shared, 2.0 * cycles]]) / 12.0
     quantised = per_pulse @ counting @ per_pulse.T
     scatter = np.cov(each, rowvar=False) / cycles * t_inflation(cycles - 1) ** 2
+    correlation = _correlation(each)
+    slow = np.sqrt((1.0 + correlation) / (1.0 - correlation))
+    scatter = scatter * np.outer(slow, slow)
     seen, least = np.diag(scatter), np.diag(quantised)
     if not (seen > 0).all():
         return quantised
     widen = np.sqrt(np.maximum(least / seen, 1.0))
     return np.asarray(scatter * np.outer(widen, widen), dtype=np.float64)
+
+
+def _correlation(each: FloatArray) -> FloatArray:
+    """Lag-1 correlation of each coefficient over the cycles, by von Neumann's ratio, shape (2,)."""
+    deviation = ((each - each.mean(axis=0)) ** 2).sum(axis=0)
+    steps = (np.diff(each, axis=0) ** 2).sum(axis=0)
+    ratio = np.divide(steps, deviation, out=np.full(2, 2.0), where=deviation > 0)
+    correlation = np.minimum(1.0 - 0.5 * ratio, MAX_CORRELATION)
+    significant = correlation > CORRELATION_SIGMAS / math.sqrt(len(each))
+    return np.where(significant, correlation, 0.0)
 
 
 def refused(what: str, fault: Fault) -> CalibrationError:

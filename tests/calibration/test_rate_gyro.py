@@ -226,7 +226,7 @@ def test_the_minimax_line_beats_every_other(rates: list[int], seed: int) -> None
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.floats(-5, 5), st.floats(0.1, 10), st.sampled_from(LINE_METHODS))
+@given(st.floats(-5, 5), st.floats(0.1, 10) | st.floats(-10, -0.1), st.sampled_from(LINE_METHODS))
 def test_lines_follow_a_change_of_scale_and_bias(shift: float, scale: float, method) -> None:
     base = simulated(8)
     moved = StrokeReadings(POINTS, shift + scale * base.up_v, shift + scale * base.down_v)

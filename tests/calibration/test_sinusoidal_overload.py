@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from calibration.algorithms.overload_g_sensitivity import GyroRun, calibrate_g_sensitivity, response_along
 from calibration.algorithms.sinusoidal_overload import (
@@ -174,6 +175,26 @@ def test_stated_uncertainties_cover_the_truth_at_their_rate() -> None:
     for column in range(2):
         assert (pulls[:, column] < 1.0).mean() == pytest.approx(0.683, abs=0.085)
         assert (pulls[:, column] < 1.96).mean() == pytest.approx(0.95, abs=0.04)
+
+
+def test_a_bias_that_wanders_between_cycles_is_seen_and_widens() -> None:
+    """K_0 as an AR(1) series over 250 cycles: its mean is told less well than by the scatter alone."""
+    generator = np.random.default_rng(21)
+    motion = sinusoid(5.0, cycles=250)
+    pulls, naive = [], []
+    for _ in range(200):
+        steps = generator.normal(0.0, 2e-2, 350)
+        wander = lfilter([1.0], [1.0, -0.7], steps)[100:, None]
+        pulses = pulses_of(motion) + P.K1 * wander * motion.duration_s
+        pulses += generator.normal(0.0, 0.3, pulses.shape)
+        found = calibrate_overload(motion, pulses, KNOWN)
+        pulls.append((found.asymmetry - P.Kax) / found.standard_uncertainty[0])
+        r = found.correlation[0]
+        naive.append(pulls[-1] * math.sqrt((1 + r) / (1 - r)))
+        assert r == pytest.approx(0.7, abs=0.2)
+        assert found.correlation[1] < 0.4
+    assert (np.abs(pulls) < 1.96).mean() == pytest.approx(0.95, abs=0.04)
+    assert (np.abs(naive) < 1.96).mean() < 0.75
 
 
 @settings(max_examples=60, deadline=None)
