@@ -77,6 +77,10 @@ class ThreeAxisTurntable(Protocol):
 
     def start_stream(self, rate_hz: float) -> None: ...
 
+    def collect(self) -> None:
+        """Take in what the stream has brought so far: a port keeps little."""
+        ...
+
     def stop_stream(self) -> NDArray[np.void]:
         """The encoder samples since `start_stream`."""
         ...

@@ -36,10 +36,13 @@ class BranchClock(ABC):
 
     Attributes:
         interruption: called in every wait; raises SequenceAborted when the sequence is to end.
+        while_sleeping: called again and again in every sleep: takes in what streams meanwhile, before a
+            port of hardware, which keeps a fraction of a second, is full.
     """
 
     def __init__(self) -> None:
         self.interruption: Callable[[], None] = _never
+        self.while_sleeping: Callable[[], None] = _never
         self._step_deadline_s: float | None = None
         self._sequence_deadline_s: float | None = None
 
@@ -85,6 +88,7 @@ class BranchClock(ABC):
             if self.now_s() >= time_s:
                 return
             self._wait(self._bounded(time_s), None, 0)
+            self.while_sleeping()
 
     def sleep_for(self, duration_s: float) -> None:
         """Let at least so much bench time pass from now, counted by the bench; raises as `sleep_until`.

@@ -132,6 +132,7 @@ class LineTurntable:
         self._session = session
         self._port = stream_port
         self._clock = clock
+        self._received = bytearray()
 
     def home(self) -> None:
         """Find the reference; returns when it is found. Raises LinkError."""
@@ -160,13 +161,19 @@ class LineTurntable:
         """Begin encoder samples. Raises LinkError."""
         self._clock.catch_up()
         read_available(self._port, self._session.where)
+        self._received.clear()
         self._session.ask(f"STRE ON,{rate_hz:g}")
+
+    def collect(self) -> None:
+        """Take in what the stream has brought so far. Raises LinkError."""
+        self._received += read_available(self._port, self._session.where)
 
     def stop_stream(self) -> NDArray[np.void]:
         """The samples since `start_stream`: shape (n,), STAND_SAMPLE_DTYPE. Raises LinkError."""
         self._session.ask("STRE OFF")
         self._clock.catch_up()
-        data = read_available(self._port, self._session.where)
+        self.collect()
+        data = bytes(self._received)
         if len(data) % STAND_SAMPLE_DTYPE.itemsize:
             raise self._fault(f"The stand's stream ends within a sample ({len(data)} bytes)")
         return np.frombuffer(data, STAND_SAMPLE_DTYPE)

@@ -149,8 +149,8 @@ class GncModuleLink:
         self._command(FrameType.STOP_STREAM)
         return self._exchange.take_samples()
 
-    def drain(self) -> None:
-        """Sort what has come, during a long stream."""
+    def collect(self) -> None:
+        """Take in what the stream has brought so far. Raises LinkError: the port is gone."""
         self._exchange.collect()
 
     def write_coefficients(self, sensor: Sensor, K: ArrayLike, bias: ArrayLike) -> None:

@@ -5,6 +5,8 @@ A capture in which samples were lost on the link is taken once more; what is los
 fault. A stand that did not do what it was told is the stand's.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -143,10 +145,11 @@ def _complete(
         stand.start_stream(float(rate_hz))
         ctx.unit.start_stream(rate_hz, compensated)
         started_s = ctx.clock.now_s()
-        if turn is None:
-            ctx.clock.sleep_until(started_s + duration_s)
-        else:
-            _turn(ctx, stand, *turn)
+        with _collecting(ctx, stand):
+            if turn is None:
+                ctx.clock.sleep_until(started_s + duration_s)
+            else:
+                _turn(ctx, stand, *turn)
         elapsed_s = ctx.clock.now_s() - started_s
         dut = ctx.unit.stop_stream()
         capture = Capture(name, kind, dut, stand.stop_stream(), started_s, rate_hz, axis)
@@ -161,6 +164,22 @@ def _complete(
         fault=Fault.FIXTURE,
         remedy="check the socket's contacts and cable; a retest on another stand tells.",
     )
+
+
+@contextmanager
+def _collecting(ctx: StepContext, stand: ThreeAxisTurntable) -> Iterator[None]:
+    """Both streams are taken in as they come, whatever the step waits for."""
+    unit = ctx.unit
+
+    def collect() -> None:
+        unit.collect()
+        stand.collect()
+
+    ctx.clock.while_sleeping = collect
+    try:
+        yield
+    finally:
+        ctx.clock.while_sleeping = lambda: None
 
 
 def _turn(ctx: StepContext, stand: ThreeAxisTurntable, profile: TurnProfile, sign: int) -> None:
