@@ -2,6 +2,7 @@
 # ruff: noqa: ARG002  one signature for every effect; `parameter` makes a field
 """What a sensor or a link does to the time of an input: bandwidth, delays, clocks."""
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -9,8 +10,12 @@ import numpy as np
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
+from dut_emulator.effects.guessing import fitted, unexplained
 from dut_emulator.effects.parameters import parameter
 from dut_emulator.effects.recursions import MAX_DELAY_S, delayed, first_order_lag, lag_coefficients, recursion
+
+MOMENTS_OF_A_SCAN = 32
+"""A moment is looked for at so many places, then again between two of them."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +172,23 @@ class GnssClockStep(TimeShift):
     origin: ClassVar[str] = "gnss"
     valid: ClassVar[str] = "One step, up to 2 s; a step back is extrapolated along the last slope."
     sensors: ClassVar[tuple[SensorName, ...]] = ("gnss",)
+
+    def guess(self, residual: FloatArray, stimulus: Stimulus) -> "GnssClockStep":
+        """The step at each of some moments, then at the samples between the best one's neighbours."""
+        times, best = stimulus.time_s, self
+        low, high = 0, len(times) - 1
+        while high >= low:
+            stride = max((high - low) // MOMENTS_OF_A_SCAN, 1)
+            trials = [
+                fitted(dataclasses.replace(self, at_s=float(times[index])), residual, stimulus)
+                for index in range(low, high + 1, stride)
+            ]
+            best = min(trials, key=lambda trial: unexplained(trial, residual, stimulus))
+            if stride == 1:
+                break
+            at = int(np.searchsorted(times, best.at_s))
+            low, high = max(at - stride, 0), min(at + stride, len(times) - 1)
+        return best
 
     def delay_patterns(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """0 before the step, 1 from it on."""

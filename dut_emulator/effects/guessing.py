@@ -39,6 +39,13 @@ def fitted(effect: E, residual: FloatArray, stimulus: Stimulus) -> E:
     return _with_free_fitted(with_values(effect, at), residual, stimulus)[0]
 
 
+def unexplained(effect: Any, residual: FloatArray, stimulus: Stimulus) -> float:
+    """The sum of squares that an effect, as it is, leaves of a residual."""
+    idle = np.random.Generator(np.random.SFC64(0))
+    samples = stimulus.true_input(effect.sensor)
+    return _unexplained(effect, residual, samples, stimulus, idle, np.isfinite(residual))[1]
+
+
 def _refined(
     effect: Any,
     at: dict[str, float],

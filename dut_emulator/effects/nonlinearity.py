@@ -52,7 +52,7 @@ class ScaleFactorNonlinearity(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"cubic": samples**3}
+        return {"cubic": samples * samples * samples}
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ class CubicNonlinearity(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"cubic": samples**3}
+        return {"cubic": samples * samples * samples}
 
 
 @dataclass(frozen=True)

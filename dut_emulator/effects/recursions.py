@@ -74,23 +74,35 @@ def play(values: FloatArray, half_width: float, state: EffectState, key: str) ->
     """Where in its play each channel is, (n, m) in [−1, 1]: +1 after a long rise, −1 after a long fall.
 
     p_k = clip(p_(k−1) + Δu / w, −1, 1) from p = 0: the stop operator of hysteresis (Visintin, *Differential
-    Models of Hysteresis*, 1994, III.2). It depends on the order of the values and not on their speed.
+    Models of Hysteresis*, 1994, III.2). It depends on the order of the values and not on their speed. Between
+    two turns of the input it is clip(p_a + (u − u_a) / w, −1, 1), a being the turn before: only turns are
+    gone through one by one.
     """
-    if len(values) == 0:
-        return values.copy()
-    before = state.carried.get(f"{key} input", values[:1])
-    position = state.carried.get(key, np.zeros((1, values.shape[1])))
-    steps = np.diff(values, axis=0, prepend=before) / half_width
     out = np.empty_like(values)
-    for axis in range(values.shape[1]):
-        at = float(position[0, axis])
-        path: list[float] = []
-        for step in steps[:, axis].tolist():
-            at = min(max(at + step, -1.0), 1.0)
-            path.append(at)
-        out[:, axis] = path
-    state.carried[f"{key} input"], state.carried[key] = values[-1:].copy(), out[-1:].copy()
+    for axis in range(values.shape[1] if len(values) else 0):
+        start = np.array([values[0, axis], values[0, axis], 0.0, 0.0])
+        name = f"{key} {axis}"
+        out[:, axis], state.carried[name] = _play(values[:, axis], half_width, state.carried.get(name, start))
     return out
+
+
+def _play(inputs: FloatArray, half_width: float, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """One channel, (n,). Memory: last input, input and place at the last turn, direction since then."""
+    before = np.concatenate([memory[:1], inputs[:-1]])
+    directions = np.concatenate([memory[3:], np.sign(inputs - before)])
+    moved = np.maximum.accumulate(np.where(directions != 0, np.arange(len(directions)), 0))
+    directions = directions[moved]  # at a standstill the last one stays
+    turns = directions[1:] != directions[:-1]
+    turn_inputs = np.concatenate([memory[1:2], before[turns]])
+    place = float(memory[2])
+    places = [place]
+    for step in (np.diff(turn_inputs) / half_width).tolist():
+        place = min(max(place + step, -1.0), 1.0)
+        places.append(place)
+    since = np.cumsum(turns)
+    at_turn = np.array(places)[since]
+    result = np.clip(at_turn + (inputs - turn_inputs[since]) / half_width, -1.0, 1.0)
+    return result, np.array([inputs[-1], turn_inputs[-1], place, directions[-1]])
 
 
 def delayed(

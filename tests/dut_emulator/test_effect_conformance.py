@@ -170,7 +170,7 @@ def test_basis_is_the_derivative_of_apply(name: str) -> None:
 
 
 # where samples lie apart, a width or a threshold is known no better than from one sample to the next
-BETWEEN_SAMPLES = {"dead_band": 0.05, "shock_bias_shift": 0.05}
+BETWEEN_SAMPLES = {"dead_band": 0.05, "shock_bias_shift": 0.05, "clock_step": 0.01}
 
 
 @pytest.mark.parametrize("name", DETERMINISTIC)
