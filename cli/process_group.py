@@ -23,6 +23,7 @@ RESTART_DELAY_FIRST_S = 0.2
 RESTART_DELAY_MAX_S = 5.0
 HEALTHY_AFTER_S = 10.0
 MAX_RESTARTS = 50
+LAST_WORDS_BYTES = 4_096
 STOP_GRACE_S = 8.0
 STOP_POLL_S = 0.05
 PARENT_VARIABLE = "TESTLOOM_PARENT_PID"
@@ -137,7 +138,17 @@ class ProcessGroup:
         lived_s = now_s - running.started_at_s
         exponent = 0 if lived_s > HEALTHY_AFTER_S else min(running.restarts, 10)
         running.restart_at_s = now_s + min(RESTART_DELAY_MAX_S, RESTART_DELAY_FIRST_S * 1.5**exponent)
-        return say("{name} ended ({code}) and is started again", name=name, code=code)
+        story = say("{name} ended ({code}) and is started again", name=name, code=code)
+        reason = self._last_words(name) if code > 0 else ""
+        return f"{story}: {reason}" if reason else story
+
+    def _last_words(self, name: str) -> str:
+        """Why a process says that it ended: the last line of its log that is neither a log event (JSON)
+        nor one of the indented lines that follow an error's first."""
+        with (self._logs / f"{name}.log").open("rb") as log:
+            log.seek(max(0, log.seek(0, os.SEEK_END) - LAST_WORDS_BYTES))
+            lines = log.read().decode(errors="replace").splitlines()
+        return next((line for line in reversed(lines) if line and line[0] not in " {│╭╰"), "")
 
     def _spawn(self, specification: ProcessSpecification, log: IO[bytes]) -> subprocess.Popen[bytes]:
         return subprocess.Popen(

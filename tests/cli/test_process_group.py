@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -60,6 +61,18 @@ def test_a_process_that_always_dies_is_given_up(tmp_path: Path, monkeypatch: pyt
     _until(lambda: group.given_up() == ["r"], group)
     group.stop()
     assert "No such option" in (tmp_path / "logs" / "r.log").read_text()
+
+
+def test_a_process_that_ends_by_itself_says_why(tmp_path: Path, free_port: int) -> None:
+    group = ProcessGroup(tmp_path)
+    told: list[str] = []
+    with socket.create_server(("127.0.0.1", free_port)):
+        try:
+            group.start(_router(free_port))
+            _until(lambda: told.extend(group.tend()) or told)
+        finally:
+            group.stop()
+    assert "router ended (1) and is started again: The router cannot listen at" in told[0]
 
 
 def test_children_end_when_their_parent_is_killed(tmp_path: Path, free_port: int) -> None:
