@@ -11,15 +11,14 @@ those of the square, cut at zero.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from calibration.algorithms.allan_noise import (
     TERMS,
     NoiseModel,
-    VarianceCovariance,
     variance_covariance,
     variance_shapes,
 )
@@ -115,8 +114,38 @@ def fit_allan_coefficients(measured: AllanDeviation, terms: tuple[str, ...] = TE
     factors = tuple(int(factor) for factor in measured.factors[rows])
     between = variance_covariance(factors, measured.sample_count, measured.rate_hz)
     shapes = variance_shapes(measured.tau_s[rows])
+    return fit_squares(measured.tau_s[rows], variance, shapes, chosen, between)
+
+
+class CovarianceOfVariances(Protocol):
+    """What a fit asks of an estimate of variances."""
+
+    def of(self, squares: FloatArray) -> FloatArray:
+        """Covariance of the variances, shape (k, k), for (Q^2, N^2, B^2, K^2, R^2)."""
+        ...
+
+
+def fit_squares(
+    tau_s: FloatArray,
+    variance: FloatArray,
+    shapes: FloatArray,
+    chosen: list[int],
+    between: CovarianceOfVariances,
+) -> AllanFit:
+    """Fit variances of any kind that are linear in the squares.
+
+    Args:
+        tau_s: scales, shape (k,), s.
+        variance: measured, shape (k,).
+        shapes: variance per unit of each square, shape (k, 5).
+        chosen: columns that are fitted.
+        between: covariance of the variances.
+
+    Raises:
+        CalibrationError: the rounds do not settle.
+    """
     squares = _settle(variance, shapes, chosen, between)
-    return _with_uncertainty(measured.tau_s[rows], variance, shapes, chosen, between, squares)
+    return _with_uncertainty(tau_s, variance, shapes, chosen, between, squares)
 
 
 def _usable(measured: AllanDeviation) -> list[int]:
@@ -130,7 +159,7 @@ def _usable(measured: AllanDeviation) -> list[int]:
 
 
 def _settle(
-    variance: FloatArray, shapes: FloatArray, chosen: list[int], between: VarianceCovariance
+    variance: FloatArray, shapes: FloatArray, chosen: list[int], between: CovarianceOfVariances
 ) -> FloatArray:
     """Squares (5,), by non-negative least squares under the covariance that they imply themselves."""
     implied = np.zeros(5)
@@ -149,7 +178,7 @@ def _settle(
 
 
 def _non_negative(factor: FloatArray, shapes: FloatArray, variance: FloatArray) -> FloatArray:
-    white = solve_triangular(factor, np.column_stack([shapes, variance]), lower=True)
+    white = np.linalg.solve(factor, np.column_stack([shapes, variance]))
     scale = np.linalg.norm(white[:, :-1], axis=0)
     solution, _ = nnls(white[:, :-1] / scale, white[:, -1])
     return np.asarray(solution / scale, dtype=np.float64)
@@ -159,7 +188,7 @@ def _factor(covariance: FloatArray, expected: FloatArray) -> FloatArray:
     """Cholesky factor; scaled, for a plot spans many decades. A ramp alone has no covariance: a floor."""
     scaled = covariance / np.outer(expected, expected)
     floor = 1e-9 * max(float(np.trace(scaled)) / len(scaled), 1e-12)
-    return np.asarray(cholesky(scaled + floor * np.eye(len(scaled)), lower=True)) * expected[:, None]
+    return np.asarray(np.linalg.cholesky(scaled + floor * np.eye(len(scaled)))) * expected[:, None]
 
 
 def _with_uncertainty(
@@ -167,12 +196,13 @@ def _with_uncertainty(
     variance: FloatArray,
     shapes: FloatArray,
     chosen: list[int],
-    between: VarianceCovariance,
+    between: CovarianceOfVariances,
     squares: FloatArray,
 ) -> AllanFit:
     expected = shapes @ squares
     factor = _factor(between.of(squares), expected)
-    white = solve_triangular(factor, np.column_stack([shapes, variance - expected]), lower=True)
+    columns = np.column_stack([shapes, variance - expected])
+    white = np.asarray(np.linalg.solve(factor, columns), dtype=np.float64)
     freedom = len(variance) - int((squares > 0).sum())
     ratio = float((white[:, -1] ** 2).sum() / freedom)
     covariance = np.zeros((5, 5))

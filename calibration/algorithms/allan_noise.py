@@ -197,12 +197,13 @@ def _covariance(lags: FloatArray, m1: int, m2: int, averaged: bool) -> FloatArra
         for b in range(3):
             weight = _SECOND_DIFFERENCE[a] * _SECOND_DIFFERENCE[b]
             distance = np.abs(lags + a * m1 - b * m2)
-            total += weight * (_averaged(distance, m1) if averaged else _autocovariance(distance))
+            total += weight * (_averaged(distance, m1) if averaged else integral_autocovariance(distance))
     return total
 
 
-def _autocovariance(distance: FloatArray) -> FloatArray:
-    """Generalised autocovariance of the integral, per unit of Q^2, N^2, B^2, K^2, shape (4, k)."""
+def integral_autocovariance(distance: FloatArray) -> FloatArray:
+    """Generalised autocovariance of the integral at lags >= 0 in samples, tau_0 = 1, per unit of
+    Q^2, N^2, B^2, K^2, shape (4, k)."""
     logarithm = np.log(np.maximum(distance, 1.0))  # of 0: times zero
     flicker = distance**2 * logarithm / (2.0 * np.pi)
     return np.stack([(distance == 0.0).astype(np.float64), -distance / 2.0, flicker, distance**3 / 12.0])
