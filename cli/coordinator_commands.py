@@ -233,8 +233,8 @@ def _attempt_view(view: "AttemptView") -> RenderableType:
         parts.append(Text(record.message))
     table = Table(header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column(say("Step, measurement"), overflow="fold")
-    for heading in ("Value", "Limits", "Unit of measure", "Outcome"):
-        table.add_column(say(heading), no_wrap=heading != "Unit of measure")
+    for heading in ("Value", "Limits", "Unit", "Outcome"):
+        table.add_column(say(heading), no_wrap=True)
     for step in record.steps:
         table.add_row(Text(step.step, style="bold"), "", "", "", _outcome_text(step.outcome.value))
         for measurement in step.measurements:
@@ -246,7 +246,7 @@ def _attempt_view(view: "AttemptView") -> RenderableType:
                 specification.unit,
                 _outcome_text(measurement.outcome.value),
             )
-        if step.message and step.outcome.value != "PASS":
+        if step.message and step.outcome.value != "PASS" and step.message not in record.message:
             table.add_row(Text(f"  {step.message}", style="red"))
     parts.append(table)
     for recording in record.recordings:

@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.text import Text
 
 from cli.process_group import end_with_parent
-from protocol.errors import TestloomError
-from protocol.language import LANGUAGES, choose_language, say
+from protocol.errors import Fault, TestloomError
+from protocol.language import LANGUAGES, choose_language, say, translated
 
 EXIT_ERROR = 1
 EXIT_INTERRUPTED = 130
@@ -90,15 +90,15 @@ def build_app(arguments: list[str]) -> typer.Typer:
 def show_error(error: TestloomError) -> None:
     """Print what is wrong, where, whose fault it is and what to do, to standard error."""
     console = Console(stderr=True, highlight=False)
-    console.print(Text(say(error.what), style="bold red"))
+    console.print(Text(translated(error.what), style="bold red"), soft_wrap=True)
     for label, words in (
         (say("Where"), error.where),
         (say("Fault"), say(error.fault.value)),
-        (say("What to do"), say(error.remedy) if error.remedy else ""),
-        (say("Before that"), "; ".join(error.story)),
+        (say("What to do"), translated(error.remedy)),
+        (say("Before that"), "; ".join(translated(words) for words in error.story)),
     ):
         if words:
-            console.print(Text(f"  {label}: {words}"))
+            console.print(Text(f"  {label}: {words}"), soft_wrap=True)
 
 
 def _take_language(arguments: list[str]) -> list[str]:
@@ -123,6 +123,7 @@ def _choose(language: str) -> None:
     if language not in LANGUAGES:
         raise TestloomError(
             f"The language '{language}' is not spoken here.",
+            fault=Fault.OPERATOR,
             remedy=f"use one of: {', '.join(LANGUAGES)}.",
         )
     choose_language(language)

@@ -1,7 +1,7 @@
 """`testloom recording`: convert, info and check, for recordings of either form."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from protocol.language import say
+from protocol.language import say, translated
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
+    from protocol.errors import TestloomError
     from protocol.recording_checks import Findings
     from protocol.recordings import Recording
 
@@ -181,14 +182,24 @@ def _file_facts(path: Path) -> dict[str, Any]:
 def _show_errors(console: "Console", one: _Examined) -> None:
     """What is wrong, where, and what to do, each in its place."""
     console.print(say("{path}: cannot be used", path=one.path), style="bold red", markup=False)
-    for error in one.findings.errors[:MAX_ERRORS_SHOWN]:
-        console.print(f"  {say(error.what)}", style="red", markup=False)
-        console.print(f"    {say('Where')}: {error.where}", markup=False)
+    for error, places in _grouped(one.findings.errors[:MAX_ERRORS_SHOWN]):
+        console.print(f"  {translated(error.what)}", style="red", markup=False, soft_wrap=True)
+        for place in places:
+            console.print(f"    {say('Where')}: {place}", markup=False, soft_wrap=True)
         console.print(f"    {say('Fault')}: {say(error.fault.value)}", markup=False)
-        console.print(f"    {say('What to do')}: {say(error.remedy)}", markup=False)
+        remedy = translated(error.remedy)
+        console.print(f"    {say('What to do')}: {remedy}", markup=False, soft_wrap=True)
     rest = len(one.findings.errors) - MAX_ERRORS_SHOWN
     if rest > 0:
         console.print("  " + say("and {count} more; --json lists them all", count=rest))
+
+
+def _grouped(errors: Sequence["TestloomError"]) -> "list[tuple[TestloomError, list[str]]]":
+    """Errors that say the same of several places, once with all the places."""
+    places: dict[tuple[str, str, str], tuple[TestloomError, list[str]]] = {}
+    for error in errors:
+        places.setdefault((error.what, error.fault.value, error.remedy), (error, []))[1].append(error.where)
+    return list(places.values())
 
 
 def _table(path: Path, recording: "Recording") -> "Table":

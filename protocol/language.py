@@ -7,12 +7,16 @@ there is shown in English. A test holds the catalogues against the code.
 
 import json
 import os
+import re
 from functools import lru_cache
 from importlib import resources
 
 LANGUAGES = ("en", "zh")
 ENVIRONMENT_VARIABLE = "TESTLOOM_LANG"
 PACKAGES_WITH_WORDS = ("protocol", "calibration", "stations", "coordinator", "dashboards", "cli")
+MIN_OWN_WORDS = 5
+"""Characters that a template must have beside its fields to be recognised in a sentence."""
+_PLAIN_FIELD = re.compile(r"\{([a-z_]+)\}")
 
 _chosen: list[str] = []
 
@@ -41,6 +45,39 @@ def say(template: str, /, language: str | None = None, **values: object) -> str:
     if (language or chosen_language()) == "zh":
         template = _chinese().get(template, template)
     return template.format(**values) if values else template
+
+
+def translated(sentence: str, language: str | None = None) -> str:
+    """An English sentence that is filled in already, an error's say, in the chosen language.
+
+    The catalogue's templates are read backwards, those with the most words of their own first:
+    'No route {route}.' recognises 'No route x.'. What no template makes stays English.
+    """
+    if (language or chosen_language()) != "zh" or not sentence:
+        return sentence
+    if sentence in _chinese():
+        return _chinese()[sentence]
+    for pattern, chinese in _chinese_by_pattern():
+        found = pattern.fullmatch(sentence)
+        if found is not None:
+            return chinese.format(**found.groupdict())
+    return sentence
+
+
+@lru_cache(maxsize=1)
+def _chinese_by_pattern() -> list[tuple[re.Pattern[str], str]]:
+    """Templates as patterns; those that format numbers cannot be read backwards and are left out."""
+    patterns: list[tuple[int, re.Pattern[str], str]] = []
+    for english, chinese in _chinese().items():
+        parts = _PLAIN_FIELD.split(english)  # words, field, words, field, …, words
+        names, words = parts[1::2], parts[0::2]
+        own = sum(len(text.strip()) for text in words)
+        if not names or len(set(names)) < len(names) or own < MIN_OWN_WORDS or "{" in "".join(words):
+            continue
+        groups = [*(f"(?P<{name}>.+?)" for name in names), ""]
+        pattern = "".join(re.escape(text) + group for text, group in zip(words, groups, strict=True))
+        patterns.append((own, re.compile(pattern, re.DOTALL), chinese))
+    return [(pattern, chinese) for _, pattern, chinese in sorted(patterns, key=lambda one: -one[0])]
 
 
 @lru_cache(maxsize=1)

@@ -1,6 +1,7 @@
 """`testloom recording` as a person and a script use it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -93,3 +94,28 @@ def test_check_speaks_chinese(folder, capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert "1 个无法使用" in shown
     assert "处理办法" in shown
+
+
+def test_what_is_wrong_at_many_places_is_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    document = {
+        "format": "testloom-recording/1",
+        "recording_id": "r",
+        "streams": [
+            {
+                "name": "dut",
+                "file": "dut.csv",
+                "clock": "dut",
+                "time": "t",
+                "columns": {"t": "s", "x": "furlong", "y": "furlong"},
+            }
+        ],
+    }
+    (tmp_path / "recording.json").write_text(json.dumps(document))
+    (tmp_path / "dut.csv").write_text("t,x,y\n0,1,2\n1,1,2\n")
+    assert main(["recording", "check", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    assert said.count("The unit 'furlong' is not known.") == 1
+    assert "column x" in said
+    assert "column y" in said
