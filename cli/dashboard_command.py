@@ -4,12 +4,8 @@ from typing import Annotated
 
 import typer
 
+from protocol.addresses import DASHBOARD_PORT, DEFAULT_LINE, DEFAULT_ROUTER, LOOPBACK
 from protocol.language import say
-
-DEFAULT_LINE = "demo"
-DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
-DEFAULT_HOST = "127.0.0.1"
-DEFAULT_PORT = 8080
 
 
 def dashboard(
@@ -17,8 +13,8 @@ def dashboard(
     router: Annotated[str, typer.Option(help=say("Zenoh locator of the router."))] = DEFAULT_ROUTER,
     host: Annotated[
         str, typer.Option(help=say("Address to listen at; whoever reaches it can read everything."))
-    ] = DEFAULT_HOST,
-    port: Annotated[int, typer.Option(min=0, max=65535, help=say("Port of the web page."))] = DEFAULT_PORT,
+    ] = LOOPBACK,
+    port: Annotated[int, typer.Option(min=0, max=65535, help=say("Port of the web page."))] = DASHBOARD_PORT,
 ) -> None:
     from dashboards.server import run_dashboard
 

@@ -20,10 +20,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from protocol.addresses import DASHBOARD_PORT, LOOPBACK, ROUTER_PORT
 from protocol.language import say
 
-ROUTER_PORT = 7447
-DASHBOARD_PORT = 8080
 FREE_DISK_MIN_BYTES = 2_000_000_000
 FREE_DISK_FAIR_BYTES = 20_000_000_000
 COMMIT_SLOW_S = 0.05
@@ -100,7 +99,7 @@ def _port(purpose: str, port: int, option: str) -> Finding:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind(("127.0.0.1", port))
+            probe.bind((LOOPBACK, port))
         except OSError as error:
             return Finding(
                 check,

@@ -15,8 +15,8 @@ from cli.line_display import live_view, progress_line, starting_view, summary_li
 from cli.line_layout import LineLayout
 from cli.line_summary import Truth
 from cli.process_group import ProcessGroup
-from cli.router_command import DEFAULT_LISTEN
 from protocol.adapters.zenoh_link import NoReplyError, RequestRejectedError
+from protocol.addresses import DEFAULT_ROUTER
 from protocol.attempts import UnitIdentity
 from protocol.errors import Fault, TestloomError
 from protocol.language import say
@@ -50,7 +50,7 @@ class LineWatch:
         if self._layout.dashboard_port is not None:
             address = f"http://127.0.0.1:{self._layout.dashboard_port}"
             self._say(say("The line's page: {address}", address=address))
-        if self._layout.router_endpoint != DEFAULT_LISTEN:
+        if self._layout.router_endpoint != DEFAULT_ROUTER:
             option = f"--router {self._layout.router_endpoint}"
             self._say(say("Another line has the usual port; ask this one with {option}", option=option))
 

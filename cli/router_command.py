@@ -6,13 +6,12 @@ from typing import Annotated
 
 import typer
 
+from protocol.addresses import DEFAULT_ROUTER
 from protocol.language import say
-
-DEFAULT_LISTEN = "tcp/127.0.0.1:7447"
 
 
 def router(
-    listen: Annotated[str, typer.Option(help=say("Zenoh locator to listen at."))] = DEFAULT_LISTEN,
+    listen: Annotated[str, typer.Option(help=say("Zenoh locator to listen at."))] = DEFAULT_ROUTER,
 ) -> None:
     from protocol.adapters.zenoh_link import open_router
 

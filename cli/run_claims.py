@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
+from protocol.addresses import LOOPBACK
 from protocol.errors import Fault, TestloomError
 
-LOOPBACK = "127.0.0.1"
 RUNS = Path("runs")
 PROCESS_TABLE = "processes.json"
 MAX_RUNS_A_SECOND = 100

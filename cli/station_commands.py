@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from cli.router_command import DEFAULT_LISTEN
+from protocol.addresses import DEFAULT_ROUTER
 from protocol.language import say
 
 
@@ -15,7 +15,7 @@ def station(
     bench: Annotated[Path, typer.Option(help=say("File that describes the bench."))],
     spool: Annotated[Path, typer.Option(help=say("File that keeps results until they are acknowledged."))],
     recordings: Annotated[Path, typer.Option(help=say("Folder for raw data."))],
-    router: Annotated[str, typer.Option(help=say("Zenoh locator of the router."))] = DEFAULT_LISTEN,
+    router: Annotated[str, typer.Option(help=say("Zenoh locator of the router."))] = DEFAULT_ROUTER,
     plans: Annotated[
         list[Path] | None,
         typer.Option(help=say("A plan, or a folder of plans, beside those that come along.")),

@@ -13,14 +13,12 @@ import typer
 
 from cli.line_layout import LineLayout
 from cli.process_group import ProcessGroup
-from cli.run_claims import LOOPBACK, claimed_folder, claimed_port, demanded_port
+from cli.run_claims import claimed_folder, claimed_port, demanded_port
+from protocol.addresses import DASHBOARD_PORT, DEFAULT_LINE, LOOPBACK, ROUTER_PORT
 from protocol.errors import Fault, TestloomError
 from protocol.language import chosen_language, say
 from protocol.line_views import LineStatus, OrderUnits
 
-LINE = "demo"
-ROUTER_PORT = 7447
-DASHBOARD_PORT = 8080
 MAX_UNITS = 1000
 START_TIMEOUT_S = 60.0
 LINE_TIMEOUT_S = 3600.0
@@ -54,7 +52,7 @@ def up(
     with ExitStack() as claims:
         claims.enter_context(_terminated_as_interrupted())
         layout = LineLayout(
-            line=LINE,
+            line=DEFAULT_LINE,
             directory=run_directory,
             seed=seed,
             functional_stations=functional_stations,

@@ -16,12 +16,11 @@ from dashboards.line_source import ConnectLine, zenoh_line
 from dashboards.pages import LANGUAGE_COOKIE, THEME_COOKIE, THEMES, register_pages
 from dashboards.read_model import ReadModel
 from protocol.adapters.structured_log import log_as_json
+from protocol.addresses import DASHBOARD_PORT, LOOPBACK
 from protocol.errors import Fault, TestloomError
 from protocol.keys import checked_name
 from protocol.language import LANGUAGES, chosen_language
 
-DEFAULT_HOST = "127.0.0.1"
-DEFAULT_PORT = 8080
 SHUTDOWN_TIMEOUT_S = 1
 COOKIE_AGE_S = 365 * 24 * 3600
 MAX_SERIAL_LENGTH = 64
@@ -43,8 +42,8 @@ _FAVICON = (
 def run_dashboard(
     line: str,
     router_endpoint: str,
-    host: str = DEFAULT_HOST,
-    port: int = DEFAULT_PORT,
+    host: str = LOOPBACK,
+    port: int = DASHBOARD_PORT,
     language: str | None = None,
     *,
     on_listening: Callable[[str], None] = lambda _url: None,
