@@ -8,7 +8,7 @@ import numpy as np
 from dut_emulator.effects.catalogue import CATALOGUE, effect_named
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import EffectState, Stimulus
-from dut_emulator.effects.parameters import declarations
+from dut_emulator.effects.parameters import declarations, scalars, with_values
 
 PERIOD_S = 0.01
 COUNT = 400
@@ -61,6 +61,11 @@ def part(whole: Stimulus, start: int, stop: int) -> Stimulus:
 def applied(effect: Any, samples: np.ndarray, stimulus: Stimulus, seed: int = 1) -> np.ndarray:
     rng = np.random.Generator(np.random.SFC64(seed))
     return effect.apply(samples, stimulus, rng, EffectState())
+
+
+def at_neutral(effect: Any) -> Any:
+    """The effect with its free parameters at 0 and its held ones as they are."""
+    return with_values(effect, {scalar.name: 0.0 for scalar in scalars(effect, free_only=True)})
 
 
 _OFF = ((0.0, 0.01, -0.02), (0.003, 0.0, 0.004), (-0.005, 0.006, 0.0))
@@ -152,5 +157,10 @@ def _example(name: str, sensor: Any) -> CatalogueEffect:
 EXAMPLES: dict[str, CatalogueEffect] = {
     f"{name} on {sensor}": _example(name, sensor) for name, (_, able) in CATALOGUE.items() for sensor in able
 }
+for _word in ("rate_ripple", "encoder_eccentricity"):
+    _axis: Any = {"axis": "inner"}
+    EXAMPLES[f"stand.{_word} of the inner axis"] = dataclasses.replace(
+        EXAMPLES[f"stand.{_word} on gyro"], **_axis
+    )
 DETERMINISTIC = sorted(name for name, effect in EXAMPLES.items() if not effect.stochastic)
 STOCHASTIC = sorted(name for name, effect in EXAMPLES.items() if effect.stochastic)

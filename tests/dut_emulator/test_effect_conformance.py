@@ -12,7 +12,15 @@ from dut_emulator.effects.catalogue import CATALOGUE, candidate, effect_named
 from dut_emulator.effects.effect import EffectState, Stage, Stimulus, name_of
 from dut_emulator.effects.parameters import check_ranges, scalars, with_values
 from protocol.errors import TestloomError
-from tests.dut_emulator.effect_examples import DETERMINISTIC, EXAMPLES, STOCHASTIC, applied, motion, part
+from tests.dut_emulator.effect_examples import (
+    DETERMINISTIC,
+    EXAMPLES,
+    STOCHASTIC,
+    applied,
+    at_neutral,
+    motion,
+    part,
+)
 from tests.dut_emulator.effect_oracles import ORACLES
 
 CUTS = ((0, 1, 2, 50, 50, 133, 399, 400), (0, 200, 201, 400), (0, 0, 37, 38, 300, 400))
@@ -167,6 +175,22 @@ def test_basis_is_the_derivative_of_apply(name: str) -> None:
         column = columns[scalar.name]
         tolerance = 1e-4 * np.abs(column).max() + 1e-14 * np.abs(samples).max() / step
         np.testing.assert_allclose((up - down) / (2 * step), column, rtol=0, atol=tolerance)
+
+
+NOT_NEUTRAL_AT_0 = {"saturation", "quantization", "counter_wrap"}
+NEUTRAL_AT_0 = [name for name in DETERMINISTIC if EXAMPLES[name].word not in NOT_NEUTRAL_AT_0]
+
+
+@pytest.mark.parametrize("name", NEUTRAL_AT_0)
+def test_basis_is_the_derivative_where_the_effect_begins(name: str) -> None:
+    effect = at_neutral(EXAMPLES[name])
+    samples = true_input(effect)
+    assert effect.is_neutral
+    step = 1e-5 * max(abs(scalar.value) for scalar in scalars(EXAMPLES[name], free_only=True))
+    for scalar, column in effect.basis(WHOLE).items():
+        change = applied(with_values(effect, {scalar: step}), samples, WHOLE) - samples
+        tolerance = 1e-4 * np.abs(column).max() + 1e-14 * np.abs(samples).max() / step
+        np.testing.assert_allclose(change / step, column, rtol=0, atol=tolerance)
 
 
 # where samples lie apart, a width or a threshold is known no better than from one sample to the next
