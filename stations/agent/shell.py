@@ -75,8 +75,8 @@ def run_agent(settings: AgentSettings) -> int:
     log_as_json(line=settings.line, station=settings.station)
     stop = StopSignal()
     try:
+        plans = load_plans(settings.plans)  # first: a wrong plan is wrong on any bench
         bench = await_description(settings.bench, lambda: not stop.received)
-        plans = load_plans(settings.plans)
         for folder in (settings.spool.parent, settings.recordings):
             _make_folder(folder)
         return _run(settings, bench, plans, stop)
@@ -100,7 +100,7 @@ def _run(
         )
         identity = AgentIdentity(
             station=settings.station,
-            incarnation=time.time_ns(),
+            incarnation=spool.next_incarnation(time.time_ns()),
             bench_identity=bench.bench_identity,
             sockets=sockets,
             plans=tuple(plan.reference() for plan in plans if plan.operation in bench.operations),
