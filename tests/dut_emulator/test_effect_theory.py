@@ -9,11 +9,12 @@ import pytest
 from scipy import signal, stats
 
 from dut_emulator.effects.catalogue import effect_named
+from dut_emulator.effects.catalogue_effect import LinearEffect
 from dut_emulator.effects.effect import SensorName, Stimulus
 from dut_emulator.effects.parameters import scalars
 from dut_emulator.effects.slow_noise import ALLAN_FLOOR_OF_FLICKER, FlickerNoise, RateRandomWalk
 from dut_emulator.gimbal_geometry import body_rate_rad_s, dcm_body_from_lab
-from tests.dut_emulator.effect_examples import EXAMPLES, PERIOD_S, applied, motion
+from tests.dut_emulator.effect_examples import DETERMINISTIC, EXAMPLES, PERIOD_S, applied, at_neutral, motion
 
 ONE = (1.0, 1.0, 1.0)
 FLICKER = FlickerNoise("gyro", ONE, 0.02, 327.68)
@@ -81,6 +82,33 @@ def test_rate_random_walk_grows_as_it_should() -> None:
         theory = effect.allan_deviation(np.array([span * PERIOD_S]), PERIOD_S)[0, 0]
         assert allan_deviation(values, span) == pytest.approx(theory, rel=4 / math.sqrt(3 * count / span))
     assert effect.allan_deviation(np.array([3e4]), PERIOD_S)[0, 0] == pytest.approx(100.0)
+
+
+NOT_SCANNED = [
+    name for name in DETERMINISTIC if isinstance(EXAMPLES[name], LinearEffect) and not EXAMPLES[name].scanned
+]
+
+
+def test_a_guess_from_noisy_data_is_as_good_as_the_noise_allows() -> None:
+    errors = []
+    for number, name in enumerate(NOT_SCANNED):
+        effect: Any = EXAMPLES[name]
+        whole = motion()
+        samples = whole.true_input(effect.sensor)
+        made = applied(effect, samples, whole) - samples
+        sigma = 0.01 * float(np.abs(made).max())
+        rng = np.random.Generator(np.random.SFC64(number))
+        found = at_neutral(effect).guess(made + sigma * rng.standard_normal(made.shape), whole)
+        design = np.stack([column.ravel() for column in effect.basis(whole).values()], axis=1)
+        bound = sigma * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))  # Cramér–Rao
+        both = zip(scalars(found, free_only=True), scalars(effect, free_only=True), bound, strict=True)
+        errors += [
+            (got.value - true.value) / limit for got, true, limit in both if true.low < true.value < true.high
+        ]
+    assert len(errors) > 150
+    assert np.abs(errors).max() < 4.5
+    total = float(np.sum(np.square(errors)))
+    assert stats.chi2.ppf(1e-4, len(errors)) < total < stats.chi2.ppf(1 - 1e-4, len(errors))
 
 
 def test_jitter_shows_as_much_as_the_input_moves() -> None:
