@@ -59,6 +59,9 @@ MAX_TIMERS_PER_BATCH = 1_000
 STANDSTILL_SHARE = 0.5
 """A coordinator that took no turn for this share of a lease's duration has not listened."""
 
+CLOCK_STEP_S = 0.1
+"""A clock that is this much behind the journal was set back."""
+
 ToStation = StartSequence | AbortSequence
 
 _log = structlog.get_logger("coordinator")
@@ -94,6 +97,7 @@ class LineService:
         self._software_version = software_version
         self._wall_clock = wall_clock
         self._newest_at_s = 0.0
+        self._ahead_s = 0.0
         self._turn_at_s = 0.0
         self._store: LineStore | None = None
         self._core: CoordinatorCore | None = None
@@ -346,8 +350,14 @@ class LineService:
     # --- time ----------------------------------------------------------------------------------------
 
     def _now_s(self) -> float:
-        """The wall clock, never going back: also not behind the journal."""
-        self._newest_at_s = max(self._newest_at_s, self._wall_clock())
+        """The wall clock, never going back, also not behind the journal. Where it was set back, time goes
+        on from where it was: if it stood still until the clock has caught up, no lease could lapse."""
+        behind_s = self._newest_at_s - (self._wall_clock() + self._ahead_s)
+        if behind_s > 0:
+            self._ahead_s += behind_s
+            if behind_s > CLOCK_STEP_S:
+                _log.warning("clock_set_back", by_s=round(behind_s, 3))
+        self._newest_at_s = max(self._newest_at_s, self._wall_clock() + self._ahead_s)
         return self._newest_at_s
 
     def _due_timers(self) -> list[TimerExpired]:

@@ -15,7 +15,7 @@ import fcntl
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,8 @@ _SCHEMA = (
     " incarnation INTEGER NOT NULL)",
     "CREATE TABLE IF NOT EXISTS records"
     " (sequence_number INTEGER PRIMARY KEY, attempt_id TEXT NOT NULL UNIQUE, record TEXT NOT NULL)",
+    "CREATE TABLE IF NOT EXISTS incarnations"
+    " (one INTEGER PRIMARY KEY CHECK (one = 1), newest INTEGER NOT NULL)",
     "CREATE TABLE IF NOT EXISTS fences"
     " (fence INTEGER PRIMARY KEY, socket TEXT NOT NULL, serial TEXT NOT NULL)",
 )
@@ -186,6 +188,16 @@ class Spool:
             self._database.executemany(
                 "DELETE FROM records WHERE attempt_id = ?", ((attempt_id,) for attempt_id in attempt_ids)
             )
+
+    def next_incarnation(self, now_ns: int) -> int:
+        """The incarnation of an agent that starts now: larger than every one before it, also when the
+        wall clock was set back, so that it is not taken for the older of two."""
+        with self._explained():
+            row = self._database.execute("SELECT newest FROM incarnations").fetchone()
+        incarnation = max(now_ns, row[0] + 1 if row else 0)
+        with suppress(SpoolUnwritableError), self._transaction():  # a full disk keeps no agent from starting
+            self._database.execute("INSERT OR REPLACE INTO incarnations VALUES (1, ?)", (incarnation,))
+        return incarnation
 
     def next_number(self) -> int:
         """The number that the next record will get."""

@@ -278,6 +278,18 @@ def test_the_clock_never_goes_back_not_even_behind_the_journal(driver) -> None:
     assert driver.ask("request", GetLineStatus(), "cli").answers[0]["at_s"] >= 1_000.0
 
 
+def test_a_clock_that_was_set_back_stops_no_timer(driver) -> None:
+    driver.begin()
+    driver.now_s -= 3_600.0
+    driver.restart()
+    assert driver.service.seconds_to_next_timer() == pytest.approx(10.0)
+    driver.now_s += 10.5
+    driver.service.process([])
+    status = driver.ask("request", GetLineStatus(), "cli").answers[0]
+    assert "lease_lapsed" in {alarm["alarm"] for alarm in status["alarms"]}
+    assert status["at_s"] == pytest.approx(1_010.5)
+
+
 def test_timers_come_back_through_the_service(driver) -> None:
     lease = driver.begin()
     assert driver.service.seconds_to_next_timer() == pytest.approx(10.0)

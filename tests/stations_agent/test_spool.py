@@ -209,3 +209,16 @@ def test_somebody_who_looks_sees_what_is_still_to_come_and_what_has_ended(path: 
     assert unacknowledged_count(path) == 2  # record 2, and the record that lease 3 will leave
     assert leases_ended(path) == {1, 2}
     spool.close()
+
+
+def test_incarnations_grow_though_the_clock_is_set_back_or_the_disk_is_full(path: Path) -> None:
+    given = []
+    for now_ns in (1_000, 400, 5_000, 5_000):
+        spool = Spool(path, OWNER)
+        given.append(spool.next_incarnation(now_ns))
+        spool.close()
+    assert given == [1_000, 1_001, 5_000, 5_001]
+    read_only = Spool(path, OWNER)
+    read_only._database.execute("PRAGMA query_only = ON")  # no commit succeeds any more
+    assert read_only.next_incarnation(7_000) == 7_000
+    read_only.close()
