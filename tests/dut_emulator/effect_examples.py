@@ -1,6 +1,7 @@
 """One rich motion, and for every effect parameters that it shows."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ PERIOD_S = 0.01
 COUNT = 400
 
 
+@functools.cache
 def motion(count: int = COUNT) -> Stimulus:
     """Turns, tumbles, a closed loop of temperature, a supply that sags: everything moves, nothing alike."""
     t = (1 + np.arange(count)) * PERIOD_S

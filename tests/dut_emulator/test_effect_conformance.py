@@ -23,7 +23,12 @@ from tests.dut_emulator.effect_examples import (
 )
 from tests.dut_emulator.effect_oracles import ORACLES
 
-CUTS = ((0, 1, 2, 50, 50, 133, 399, 400), (0, 200, 201, 400), (0, 0, 37, 38, 300, 400))
+CUTS = (
+    (0, 1, 2, 50, 50, 133, 399, 400),
+    (0, 200, 201, 400),
+    (0, 0, 37, 38, 300, 400),
+    (*range(0, 400, 7), 400),
+)
 WHOLE = motion()
 
 # names that recordings and gap reports use
@@ -116,9 +121,7 @@ def test_the_seed_decides_and_nothing_else(name: str) -> None:
     assert same != effect.stochastic
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_chunks_make_the_whole(name: str) -> None:
-    effect = EXAMPLES[name]
+def assert_chunks_make_the_whole(effect: Any) -> None:
     samples = true_input(effect)
     expected = applied(effect, samples, WHOLE, 3)
     for edges in CUTS:
@@ -127,6 +130,18 @@ def test_chunks_make_the_whole(name: str) -> None:
             effect.apply(samples[a:b], part(WHOLE, a, b), rng, state) for a, b in itertools.pairwise(edges)
         ]
         np.testing.assert_array_equal(np.concatenate(pieces), expected)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_chunks_make_the_whole(name: str) -> None:
+    assert_chunks_make_the_whole(EXAMPLES[name])
+
+
+def test_the_longest_delay_keeps_enough_of_the_past() -> None:
+    for delay_s in (1.993, 2.0):
+        effect = effect_named("link.fixed_delay", "gyro", delay_s=delay_s)
+        assert_chunks_make_the_whole(effect)
+        assert_agrees_with_oracle(effect, effect)
 
 
 @pytest.mark.parametrize("name", DETERMINISTIC)
