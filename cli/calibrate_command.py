@@ -182,7 +182,7 @@ def _show_reference(console: Console, reference: ComparedReference | None) -> No
     )
     headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
     for heading in headings:
-        table.add_column(say(heading))
+        table.add_column(say(heading), overflow="fold")
     for item in reference.comparisons:
         table.add_row(
             item.name,
@@ -204,7 +204,7 @@ def _show_not_used(console: Console, evaluation: Evaluation) -> None:
         return
     table = Table(header_style="bold", title=say("Not used, and why"))
     for heading in (say("What"), say("Samples"), say("Why")):
-        table.add_column(heading)
+        table.add_column(heading, overflow="fold")
     for item in evaluation.not_used:
         table.add_row(item.what, str(item.count), say(item.why))
     console.print(table)

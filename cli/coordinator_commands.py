@@ -14,6 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from protocol.addresses import DEFAULT_LINE, DEFAULT_ROUTER
 from protocol.errors import Fault, TestloomError
 from protocol.language import say
 
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from protocol.line_views import AttemptView, LineStatus, UnitHistory
     from protocol.measurements import MeasurementSpecification
 
-DEFAULT_LINE = "demo"
-DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
 DEFAULT_DATABASE = "sqlite:///testloom-line.db"
 WATCH_PERIOD_S = 0.5
 MAX_ALARMS_SHOWN = 5
@@ -183,7 +182,7 @@ def _status_view(now: "LineStatus") -> RenderableType:
             )
     waiting = Table(title=say("Waiting"), header_style="bold")
     for heading in ("Position", "Serial", "Disposition", "Waits for"):
-        waiting.add_column(say(heading))
+        waiting.add_column(say(heading), overflow="fold")
     queued = [one for one in now.units if one.queue_position is not None]
     for one in sorted(queued, key=lambda entry: (entry.operation or "", entry.queue_position or 0)):
         why = say(one.waits_for_template, **one.waits_for_values) if one.waits_for_template else one.waits_for

@@ -47,8 +47,12 @@ class Finding:
 
 def doctor(
     directory: Annotated[Path, typer.Option("--dir", help=say("Where runs are to be kept."))] = Path(),
-    router_port: Annotated[int, typer.Option(help=say("Port of the router."))] = ROUTER_PORT,
-    dashboard_port: Annotated[int, typer.Option(help=say("Port of the web page."))] = DASHBOARD_PORT,
+    router_port: Annotated[
+        int, typer.Option(min=1, max=65535, help=say("Port of the router."))
+    ] = ROUTER_PORT,
+    dashboard_port: Annotated[
+        int, typer.Option(min=1, max=65535, help=say("Port of the web page."))
+    ] = DASHBOARD_PORT,
     as_json: Annotated[bool, typer.Option("--json", help=say("Print JSON."))] = False,
 ) -> None:
     checks: tuple[Callable[[], Finding], ...] = (
@@ -193,7 +197,7 @@ def _serial_ports() -> Finding:
 def _show(findings: list[Finding]) -> None:
     table = Table(header_style="bold", title="testloom doctor")
     for heading in ("Check", "State", "Found", "What to do"):
-        table.add_column(say(heading))
+        table.add_column(say(heading), overflow="fold")  # Chinese has no spaces to break a line at
     styles = {"ok": "green", "attention": "yellow", "problem": "bold red"}
     marks = {"ok": "✔", "attention": "!", "problem": "✘"}
     for finding in findings:

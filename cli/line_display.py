@@ -91,7 +91,7 @@ def units_table(units: Sequence[UnitStatus], truths: Mapping[str, Truth]) -> Tab
     """Every unit with what became of it and what it truly is."""
     table = Table(title=say("Units"), header_style="bold")
     for heading in ("Serial", "Disposition", "Attempts", "Truth (emulator)", "Judgement"):
-        table.add_column(say(heading))
+        table.add_column(say(heading), overflow="fold")
     for view in sorted(units, key=lambda unit: unit.unit.serial):
         truth = truths.get(view.unit.serial)
         table.add_row(
@@ -108,7 +108,8 @@ def yield_table(report: YieldReport) -> Table:
     """First-pass yield in both conventions, by operation and by station."""
     table = Table(title=say("Yield"), header_style="bold")
     for heading in ("Operation", "Station", "First attempts", "FPY", "FPY of units"):
-        table.add_column(say(heading), justify="left" if heading in ("Operation", "Station") else "right")
+        justify = "left" if heading in ("Operation", "Station") else "right"
+        table.add_column(say(heading), justify=justify, overflow="fold")
     for entry in (*report.operations, *report.stations):
         table.add_row(
             entry.operation,

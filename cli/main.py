@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from cli.help_pages import Command, Group, speak_on_help_pages
 from cli.process_group import end_with_parent
 from protocol.errors import Fault, TestloomError
 from protocol.language import LANGUAGES, choose_language, say, translated
@@ -63,7 +64,9 @@ def build_app(arguments: list[str]) -> typer.Typer:
 
     Built after the language is chosen, since help texts are words for people.
     """
+    speak_on_help_pages()
     app = typer.Typer(
+        cls=Group,
         help=say("Production test for inertial sensors and GNC modules."),
         no_args_is_help=True,
         pretty_exceptions_enable=False,
@@ -83,7 +86,7 @@ def build_app(arguments: list[str]) -> typer.Typer:
         if isinstance(command, typer.Typer):
             app.add_typer(command, name=name)
         else:
-            app.command(name)(command)
+            app.command(name, cls=Command)(command)
     return app
 
 

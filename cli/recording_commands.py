@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from cli.help_pages import Command, Group
 from protocol.language import say, translated
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ EXIT_UNUSABLE = 1
 MAX_ERRORS_SHOWN = 50
 """Of one recording, to a person; JSON holds them all."""
 
-app = typer.Typer(no_args_is_help=True, help=say("Recordings: convert, look at, check them."))
+app = typer.Typer(cls=Group, no_args_is_help=True, help=say("Recordings: convert, look at, check them."))
 
 Paths = Annotated[
     list[Path], typer.Argument(help=say("Recordings (folders or .mcap files), or folders of them."))
@@ -40,7 +41,7 @@ class _Examined:
     findings: "Findings"
 
 
-@app.command(help=say("Write a recording in the other form, without loss."))
+@app.command(cls=Command, help=say("Write a recording in the other form, without loss."))
 def convert(
     source: Annotated[Path, typer.Argument(help=say("The recording: a folder or an .mcap file."))],
     target: Annotated[Path, typer.Argument(help=say("What to write: NAME.mcap, or the name of a folder."))],
@@ -62,7 +63,7 @@ def convert(
         typer.echo(say("{recording}: {samples} samples written to {target}", **named))
 
 
-@app.command(help=say("Show what recordings hold."))
+@app.command(cls=Command, help=say("Show what recordings hold."))
 def info(paths: Paths, as_json: AsJson = False) -> None:
     examined = _examine(paths)
     if as_json:
@@ -77,7 +78,7 @@ def info(paths: Paths, as_json: AsJson = False) -> None:
     _exit_if_unusable(examined)
 
 
-@app.command(help=say("Check recordings and list all that is wrong with them."))
+@app.command(cls=Command, help=say("Check recordings and list all that is wrong with them."))
 def check(paths: Paths, as_json: AsJson = False) -> None:
     examined = _examine(paths)
     if as_json:
