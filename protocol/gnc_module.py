@@ -12,7 +12,6 @@ from enum import IntEnum
 
 import numpy as np
 
-PRODUCT = "gnc_module"
 BAUD_RATE = 921_600
 
 
@@ -220,5 +219,6 @@ IMPEDANCE_PAIRS = (
 OPEN_CIRCUIT_OHM = 9.9e37
 """What a multimeter answers for an overload (SCPI-99, 'positive infinity')."""
 
+GROUND_TEST_POINT = "GND_1"
 TIMER_TEST_POINT = "TIMER_OUT"
 RIPPLE_TEST_POINT = "5V_1"

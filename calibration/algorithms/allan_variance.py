@@ -106,7 +106,8 @@ def overlapping_allan_deviation(
 def modified_allan_deviation(
     samples: FloatArray, rate_hz: float, taus_s: FloatArray | None = None
 ) -> AllanDeviation:
-    """Modified Allan deviation: tells quantization (slope -3/2) from white noise of the angle (-1).
+    """Modified Allan deviation: tells white noise of the angle, as quantization leaves it (slope -3/2), from
+    flicker of the angle (-1); the overlapping form shows both as -1.
 
     Arguments and errors as for `overlapping_allan_deviation`; a tau needs three of itself in the record.
     """

@@ -1,6 +1,6 @@
 """Yield, kept incrementally: one attempt costs the same whatever came before.
 
-Two conventions stand side by side (both count first attempts only, per unit and operation):
+Two conventions stand side by side; each counts one attempt of a unit at an operation, no retest:
 
 - FPY as peers count it: every first attempt that is not a PASS counts against it: failed, error,
   aborted, timed out, or lost with its station.

@@ -6,7 +6,7 @@ calls. What leaves the unit carries its own bench time and waits in the outbox u
 firmware counts in its crystal's time: every duration it keeps is true time × (1 + crystal_error).
 
 A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set)
-is not answered and counted; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
+is not answered; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
 
 Out of scope: GNC_RATE and GNC_SPECIFIC_FORCE on CAN (the stream on RS-422 carries the same), and the time
 that bytes take on the line.
@@ -40,7 +40,7 @@ from protocol.can_database import (
     message_period_s,
 )
 from protocol.errors import LinkError
-from protocol.frames import Frame, FrameParser, FrameStatistics, encode_frame
+from protocol.frames import Frame, FrameParser, encode_frame
 from protocol.gnc_module import FrameType, ReplyStatus, SelfTest, Sensor
 
 REPLY_LATENCY_S = 0.5e-3
@@ -93,15 +93,9 @@ class Firmware:
         self._heartbeat_counter = 0
         self._temperature_c = 0.0
         self._error_flags: set[str] = set()
-        self._unanswered_frames = 0
         self._at(now_s + product.BOOT_DURATION_S * hardware.second_s, self._boot_done)
         self._heartbeat_period_s = (message_period_s(GNC_STATUS) or 0.1) * hardware.second_s
         self._at(now_s + self._heartbeat_period_s, self._heartbeat)
-
-    @property
-    def link_statistics(self) -> FrameStatistics:
-        """What the RS-422 receiver has seen since boot."""
-        return self._parser.statistics
 
     @property
     def timer_period_s(self) -> float | None:
@@ -149,7 +143,6 @@ class Firmware:
         try:
             message = decode_can(identifier, data)
         except LinkError:
-            self._unanswered_frames += 1
             return
         if message.name != GNC_TEST_REQUEST:
             return
@@ -166,7 +159,6 @@ class Firmware:
 
     def _handle(self, frame: Frame, now_s: float) -> None:
         if frame.type & product.REPLY_BIT:
-            self._unanswered_frames += 1
             return
         handlers: dict[int, Callable[[Frame, float], None]] = {
             FrameType.IDENTIFY: self._identify,

@@ -84,11 +84,6 @@ class PowerSupply(ScpiInstrument):
         """Whether a channel (from 1) is switched on."""
         return self._channels[channel - 1].on
 
-    def settle(self, now_s: float) -> None:
-        """Let every channel see what its load draws now; one above its limit goes into constant current."""
-        for channel in self._channels:
-            self._limit(channel, now_s)
-
     def _drive(self, channel: _Channel, now_s: float) -> None:
         """Put the set voltage on the load, free of any former limiting."""
         channel.constant_current = False

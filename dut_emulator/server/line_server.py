@@ -3,8 +3,6 @@
 import asyncio
 from typing import Protocol, cast
 
-MAX_BUFFERED_INPUT_BYTES = 65_536
-
 
 class LineSession(Protocol):
     """One connection's side of an interpreter."""

@@ -15,12 +15,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.algorithms.earth import EARTH_RATE_RAD_S
 from protocol.bench_description import Site
 
 FloatArray = NDArray[np.float64]
-
-EARTH_RATE_RAD_S = 7.292115e-5
-"""Rotation rate of the Earth (WGS 84)."""
 
 POSES_DEG: dict[str, tuple[float, float, float]] = {
     "x_up": (0.0, -90.0, 0.0),

@@ -1,11 +1,10 @@
 """Power: on, the rails at their test points, the current, off."""
 
-from protocol.gnc_module import BOOT_DURATION_S, RIPPLE_TEST_POINT
+from protocol.gnc_module import BOOT_DURATION_S, GROUND_TEST_POINT, RIPPLE_TEST_POINT
 from stations.sequencing.context import StepContext
 from stations.sequencing.step_registry import step
 
 RAIL_TEST_POINTS = {"supply_voltage": "5V_1", "rail_3v3": "3V3_1", "rail_1v2": "1V2_1"}
-GROUND_TEST_POINT = "GND_1"
 POWERED_ON_S = "powered_on_s"
 """Value carried on: the bench time of power-on."""
 

@@ -17,6 +17,7 @@ from protocol.gnc_module import (
     GNSS_ANTENNA_LATITUDE_DEG,
     GNSS_ANTENNA_LONGITUDE_DEG,
     GNSS_VALUES,
+    GROUND_TEST_POINT,
     IMU_VALUES,
     MAG_SENSITIVITY_V_PER_GAUSS,
     MEMORY_VALUES,
@@ -32,7 +33,6 @@ from protocol.units_of_measure import factor_to_si
 from stations.sequencing.context import StepContext
 from stations.sequencing.step_registry import step
 
-GROUND_TEST_POINT = "GND_1"
 AXES = ("x", "y", "z")
 MEMORIES = {
     "internal_ram": SelfTest.INTERNAL_RAM,
