@@ -306,12 +306,16 @@ def _chunk_content(data: memoryview, chunk: ChunkIndex, here: str) -> bytes | me
 
 
 def _decompressed(content: memoryview, compression: str, size: int) -> bytes | memoryview:
+    """At most about `size` bytes, whatever the content itself claims to hold."""
     if compression == "zstd":
+        claimed = zstandard.frame_content_size(content)
+        if claimed > size:
+            raise ValueError(f"its content would be {claimed} bytes, not {size}")
         return zstandard.ZstdDecompressor().decompress(content, max_output_size=size)
     if compression == "lz4":
         import lz4.frame
 
-        return lz4.frame.decompress(content)
+        return lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=size)
     if compression == "":
         return content
     raise ValueError(f"the compression '{compression}' is not known")

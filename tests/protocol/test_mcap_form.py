@@ -280,3 +280,16 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path, name, says):
     (tmp_path / "e.mcap").touch()
     with pytest.raises(RecordingError, match=says):
         read_recording(tmp_path / name)
+
+
+def test_a_chunk_is_not_unpacked_beyond_the_size_it_was_announced_with():
+    """A few kilobytes may claim to hold gigabytes: what the index announces is all the memory that is given."""
+    from lz4.frame import compress
+    from zstandard import ZstdCompressor
+
+    from protocol.adapters.mcap_reading import _decompressed
+
+    large, announced = bytes(50_000_000), 1000
+    with pytest.raises(ValueError, match="50000000 bytes, not 1000"):
+        _decompressed(memoryview(ZstdCompressor().compress(large)), "zstd", announced)
+    assert len(_decompressed(memoryview(compress(large)), "lz4", announced)) == announced
