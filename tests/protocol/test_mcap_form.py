@@ -283,7 +283,7 @@ def test_what_is_no_recording_is_said_to_be_none(tmp_path, name, says):
 
 
 def test_a_chunk_is_not_unpacked_beyond_the_size_it_was_announced_with():
-    """A few kilobytes may claim to hold gigabytes: what the index announces is all the memory that is given."""
+    """A few kilobytes may claim to hold gigabytes: memory is given for what the index announces."""
     from lz4.frame import compress
     from zstandard import ZstdCompressor
 
