@@ -42,6 +42,7 @@ class LineWatch:
         self._last_logged_s = 0.0
         self._restarts: dict[str, int] = {}
         self._told = ""
+        self._placed: OrderUnits | None = None
         self._starting: Live | None = None
 
     def announce(self) -> None:
@@ -66,7 +67,7 @@ class LineWatch:
             UnitIdentity(serial=f"GM-{lot}-{number:04d}", product=route.product, lot=lot)
             for number in range(1, units + 1)
         )
-        order = OrderUnits(order_id=f"order-{lot}", route=route, units=identities)
+        order = self._placed = OrderUnits(order_id=f"order-{lot}", route=route, units=identities)
         with self._live() as live:
             self._starting = live
             with self._client(timeout_s) as client:
@@ -86,6 +87,8 @@ class LineWatch:
                 status = self._status(client)
                 if status is not None:
                     self._show(status, live)
+                    if self._placed is not None and len(status.units) < len(self._placed.units):
+                        self._order_again(client, self._placed)
                     if status.finished:
                         return status
                 self._tend()
@@ -176,6 +179,14 @@ class LineWatch:
                 self._tell(refusal)
             self._tend()
             time.sleep(POLL_S)
+
+    def _order_again(self, client: LineClient, order: OrderUnits) -> None:
+        """A coordinator whose database is new or restored has no order to work on; one that has it
+        changes nothing. What was recorded before and is gone counts as lost, at the end."""
+        try:
+            client.ask(order, OrderAccepted, 0.0)
+        except (NoReplyError, RequestRejectedError):
+            return  # the next look at the status asks again
 
     def _status(self, client: LineClient) -> LineStatus | None:
         try:
