@@ -17,6 +17,8 @@ from protocol.units_of_measure import STANDARD_GRAVITY_M_S2, is_known_unit
 
 SERIALS = [f"GM-{number:04d}" for number in range(1, 1501)]
 
+pytestmark = pytest.mark.xdist_group("population")  # drawn once for all
+
 
 @pytest.fixture(scope="module")
 def lot() -> list[UnitTruth]:
