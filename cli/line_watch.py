@@ -59,7 +59,7 @@ class LineWatch:
         """Put a lot on the line as soon as the coordinator answers.
 
         Raises:
-            TestloomError: the line did not come up in time.
+            TestloomError: the line did not come up in time, or its database holds another run.
         """
         lot = _lot_name(self._layout.seed)
         route = GNC_MODULE_ROUTE
@@ -71,6 +71,7 @@ class LineWatch:
         with self._live() as live:
             self._starting = live
             with self._client(timeout_s) as client:
+                self._ask_until_answered(lambda: self._require_new_line(client), timeout_s)
                 self._ask_until_answered(lambda: client.ask(order, OrderAccepted, 0.0), timeout_s)
             self._starting = None
         return order
@@ -187,6 +188,16 @@ class LineWatch:
             client.ask(order, OrderAccepted, 0.0)
         except (NoReplyError, RequestRejectedError):
             return  # the next look at the status asks again
+
+    def _require_new_line(self, client: LineClient) -> None:
+        """A run counts its records against its own spools: those of another would look like duplicates."""
+        if client.ask(GetLineStatus(), LineStatus, 0.0).units:
+            raise TestloomError(
+                "The database holds the units of another run.",
+                where="--database",
+                fault=Fault.OPERATOR,
+                remedy="choose a new one with --database, or leave it out.",
+            )
 
     def _status(self, client: LineClient) -> LineStatus | None:
         try:
