@@ -45,7 +45,7 @@ SMALL_SHARE = 1e-3
 def run() -> list[dict[str, Any]]:
     """The figures."""
     emulator_s, reference_s = _fastest(_emulator), _fastest(_reference)
-    stream_s = _fastest(_stream, rounds=1)
+    stream_s = _fastest(_stream)
     every_effect = _EveryEffect()
     every_rate = EVERY_EFFECT_SAMPLES / _fastest(every_effect.run)
     ratio = emulator_s / reference_s

@@ -8,7 +8,7 @@ import numpy as np
 
 from dut_emulator.effects.effect import FloatArray
 
-SHORT_CHUNK = 4096
+SHORT_CHUNK = 512
 """Up to here plain Python is as fast, and spares a bench the seconds that scipy.signal takes to load."""
 
 
