@@ -10,13 +10,13 @@ import typer
 from rich.console import Console
 from rich.text import Text
 
+from cli.entry import EXIT_INTERRUPTED
 from cli.help_pages import Command, Group, speak_on_help_pages
 from cli.process_group import end_with_parent
 from protocol.errors import Fault, TestloomError
 from protocol.language import LANGUAGES, choose_language, say, translated
 
 EXIT_ERROR = 1
-EXIT_INTERRUPTED = 130
 
 # command → module of this package, and the function or typer app in it
 COMMANDS = {
