@@ -113,11 +113,15 @@ def contribution(amplitude: FloatArray, regressor: FloatArray) -> FloatArray:
     if regressor.ndim == 3:  # components or powers, each with a pattern of its own
         total = amplitude[0] * regressor[0]
         for row in range(1, len(regressor)):
-            total = total + amplitude[row] * regressor[row]
+            total += amplitude[row] * regressor[row]
         return total
     if amplitude.ndim == 2:  # term by term, so that chunks of any length round alike
-        total = regressor[:, :1] * amplitude[:, 0]
-        for column in (1, 2):
-            total = total + regressor[:, column : column + 1] * amplitude[:, column]
+        total = np.empty((len(regressor), 3))
+        inputs = [np.ascontiguousarray(regressor[:, column]) for column in range(3)]
+        for axis in range(3):
+            row = inputs[0] * amplitude[axis, 0]
+            row += inputs[1] * amplitude[axis, 1]
+            row += inputs[2] * amplitude[axis, 2]
+            total[:, axis] = row
         return total
     return regressor * amplitude
