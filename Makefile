@@ -21,7 +21,8 @@ $(STAMP): pyproject.toml requirements.lock
 	@if command -v uv >/dev/null 2>&1; then \
 		uv sync --frozen --python 3.11; \
 	else \
-		( command -v $(PYTHON) >/dev/null 2>&1 && $(PYTHON) -m venv .venv || python3 -m venv .venv ) && \
+		{ command -v $(PYTHON) >/dev/null 2>&1 && $(PYTHON) -m venv .venv || python3 -m venv .venv || \
+		  { echo "Testloom needs Python 3.11 with its venv module; on Debian: apt-get install python3.11-venv"; exit 1; }; } && \
 		$(BIN)/python -c 'import sys; assert sys.version_info[:2] == (3, 11), "Testloom needs Python 3.11, found " + sys.version' && \
 		$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock && \
 		$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .; \
