@@ -27,6 +27,13 @@ def _until(condition, group: ProcessGroup | None = None) -> None:
         time.sleep(0.02)
 
 
+def _has_ended(pid: int) -> bool:
+    try:
+        return psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
 def _router(port: int) -> ProcessSpecification:
     endpoint = f"tcp/127.0.0.1:{port}"
     return ProcessSpecification("router", "router", ("router", "--listen", endpoint), {"router": endpoint})
@@ -92,4 +99,5 @@ def test_children_end_when_their_parent_is_killed(tmp_path: Path, free_port: int
     finally:
         parent.kill()
         parent.wait()
-    _until(lambda: not psutil.pid_exists(child) or psutil.Process(child).status() == psutil.STATUS_ZOMBIE)
+    _until(lambda: _has_ended(child))
+    assert _has_ended(child)
