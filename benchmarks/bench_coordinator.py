@@ -56,10 +56,11 @@ RECORDS_PER_SUBMISSION = 32
 SUBMISSIONS = 60
 DURABLE_GOAL = 0.03
 """Of the rate of plain commits of the same bytes, one row a record and nothing else. A result here is
-also parsed and strictly checked (some 7 kB of JSON, 30 measurements with their limits: about three
-quarters of its time, shown beside), decided on, chained into the journal, and written as 35 rows
-with indexes instead of one. What has to be met on a floor is less: 1,000 sockets with tests of 9 s
-make 111 results/s. The goal holds the ratio, so that a slow machine does not look like slow code."""
+also parsed and strictly checked (some 7 kB of JSON, 30 measurements with their limits; the share is
+shown beside), decided on, chained into the journal, and written as 35 rows with indexes instead of one.
+A bound against getting worse, set at half of what is reached: 0.15 had been hoped for and was missed.
+What has to be met on a floor is less: 1,000 sockets with tests of 9 s make 111 results/s. The goal
+holds the ratio, so that a slow machine does not look like slow code."""
 
 Row = dict[str, Any]
 

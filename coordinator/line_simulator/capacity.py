@@ -5,6 +5,7 @@
 from dataclasses import dataclass
 
 from coordinator.line_simulator.coordinator_model import CoordinatorModel
+from coordinator.line_simulator.links import SimulatedLinks
 from coordinator.line_simulator.station_model import StationModel
 from coordinator.line_simulator.world import NetworkFaults, World
 from protocol.attempts import Lease, UnitIdentity
@@ -13,7 +14,6 @@ from protocol.errors import Fault
 from protocol.line_views import OrderUnits
 from protocol.outcomes import Disposition, Outcome
 from protocol.routes import Operation, Route
-from protocol.station_messages import StartSequence, StationCommand
 
 LIMIT_S = 30 * 86_400.0
 ORDERED_AT_S = 1.0
@@ -53,7 +53,7 @@ DEMONSTRATION_LINE = (
 """Four functional stations of two sockets, two turntables."""
 
 
-class _CapacityLine:
+class _CapacityLine(SimulatedLinks):
     def __init__(self, groups: tuple[StationGroup, ...], seed: int) -> None:
         self.world = World(seed, NetworkFaults())
         self.groups = {group.operation: group for group in groups}
@@ -84,23 +84,6 @@ class _CapacityLine:
         if chance.random() < group.pass_fraction:
             return duration_s, Outcome.PASS, Fault.NONE
         return duration_s, Outcome.FAIL, Fault.UNIT
-
-    def _to_coordinator(self, station: str, event: object, answered: object, unanswered: object) -> None:
-        self.world.ask(
-            station,
-            lambda reply: self.coordinator.receive(event, reply),  # type: ignore[arg-type]
-            answered,  # type: ignore[arg-type]
-            unanswered,  # type: ignore[arg-type]
-        )
-
-    def _to_station(self, command: StationCommand, answered: object, unanswered: object) -> None:
-        name = command.lease.station if isinstance(command, StartSequence) else command.station
-        self.world.ask(
-            name,
-            lambda reply: self.stations[name].command(command, reply),
-            answered,  # type: ignore[arg-type]
-            unanswered,  # type: ignore[arg-type]
-        )
 
 
 def simulate(groups: tuple[StationGroup, ...], units: int, seed: int) -> CapacityReport:

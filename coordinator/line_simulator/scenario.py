@@ -10,6 +10,7 @@ Then everything is sound, and the line must finish and empty its spools by `FINI
 from dataclasses import dataclass
 
 from coordinator.line_simulator.coordinator_model import CoordinatorModel
+from coordinator.line_simulator.links import SimulatedLinks
 from coordinator.line_simulator.station_model import NEVER_S, StationModel
 from coordinator.line_simulator.world import NetworkFaults, World
 from protocol.attempts import Lease, UnitIdentity
@@ -26,9 +27,7 @@ from protocol.outcomes import Outcome
 from protocol.routes import Operation, Route
 from protocol.station_messages import (
     RegisterStation,
-    StartSequence,
     StationAccepted,
-    StationCommand,
 )
 
 CHAOS_S = 70.0
@@ -53,7 +52,7 @@ class Troubles:
     red_socket: str
 
 
-class Scenario:
+class Scenario(SimulatedLinks):
     """The line of one seed."""
 
     def __init__(self, seed: int, *, check_invariants: bool = True) -> None:
@@ -124,25 +123,6 @@ class Scenario:
             outcome = chance.choice((Outcome.ERROR, Outcome.TIMEOUT)) if blamed else Outcome.FAIL
             return duration_s, outcome, Fault.UNIT
         return duration_s, Outcome.PASS, Fault.NONE
-
-    # --- links -------------------------------------------------------------------------------------
-
-    def _to_coordinator(self, station: str, event: object, answered: object, unanswered: object) -> None:
-        self.world.ask(
-            station,
-            lambda reply: self.coordinator.receive(event, reply),  # type: ignore[arg-type]
-            answered,  # type: ignore[arg-type]
-            unanswered,  # type: ignore[arg-type]
-        )
-
-    def _to_station(self, command: StationCommand, answered: object, unanswered: object) -> None:
-        name = command.lease.station if isinstance(command, StartSequence) else command.station
-        self.world.ask(
-            name,
-            lambda reply: self.stations[name].command(command, reply),
-            answered,  # type: ignore[arg-type]
-            unanswered,  # type: ignore[arg-type]
-        )
 
     # --- the run -----------------------------------------------------------------------------------
 

@@ -16,7 +16,13 @@ from dataclasses import dataclass, field
 
 from coordinator.line_simulator.world import World
 from protocol.attempts import Lease
-from protocol.coordinator_events import RecordsSubmitted, RecordSummary, StationRegistered, StationRenewed
+from protocol.coordinator_events import (
+    Event,
+    RecordsSubmitted,
+    RecordSummary,
+    StationRegistered,
+    StationRenewed,
+)
 from protocol.errors import Fault
 from protocol.outcomes import Outcome
 from protocol.plans import PlanReference
@@ -38,7 +44,7 @@ RETRY_S = 0.5
 MAX_RECORDS_PER_SUBMISSION = 4
 NEVER_S = 1e9
 
-Ask = Callable[[str, object, Callable[[object], None], Callable[[], None]], None]
+Ask = Callable[[str, Event, Callable[[object], None], Callable[[], None]], None]
 Attempted = Callable[[Lease], tuple[float, Outcome, Fault]]
 """How an attempt will go: (seconds it takes, outcome, fault)."""
 
@@ -206,7 +212,7 @@ class StationModel:
 
     # --- this process's life -----------------------------------------------------------------------
 
-    def _ask(self, event: object, answered: Callable[[object], None], unanswered: Callable[[], None]) -> None:
+    def _ask(self, event: Event, answered: Callable[[object], None], unanswered: Callable[[], None]) -> None:
         epoch = self.epoch
 
         def mine(action: Callable[[], None]) -> None:

@@ -69,7 +69,7 @@ def run_line(role: str, kills: int, seed: int, folder: Path, units: int = UNITS_
                 story.append(f"{victim['id']} at {time.monotonic() - began_s:.1f} s")
         line.wait(timeout=LINE_TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        pass
+        pass  # it is ended below; without a summary `faults` says that it did not finish
     finally:
         if line.poll() is None:
             line.send_signal(signal.SIGTERM)
