@@ -15,6 +15,8 @@ from protocol.adapters.zenoh_link import (
 from protocol.errors import Fault, TestloomError
 
 KEY = "testloom/t/coordinator/request/x"
+PROBE = "testloom/t/coordinator/request/probe"
+MAX_PROBES = 500
 
 
 @pytest.fixture
@@ -22,6 +24,21 @@ def links(free_port: int) -> Iterator[tuple[ZenohLink, ZenohLink]]:
     endpoint = f"tcp/127.0.0.1:{free_port}"
     with open_router(endpoint), open_link(endpoint) as asking, open_link(endpoint) as answering:
         yield asking, answering
+
+
+def _until_reachable(asking: ZenohLink, answering: ZenohLink) -> None:
+    """A queryable is known to the asker only once its declaration has gone through the router.
+
+    Declarations of one session travel in order: when the probe answers, those before it are known.
+    """
+    answering.serve(PROBE, lambda query: query.reply(b"here"))
+    for _ in range(MAX_PROBES):
+        try:
+            assert asking.ask(PROBE, b"") == b"here"
+            return
+        except NoReplyError:
+            continue
+    raise AssertionError("the queryable never became known")
 
 
 def test_an_answer_and_a_refusal_come_through(links: tuple[ZenohLink, ZenohLink]) -> None:
@@ -34,6 +51,7 @@ def test_an_answer_and_a_refusal_come_through(links: tuple[ZenohLink, ZenohLink]
             query.reject("No such unit.", Fault.OPERATOR, "look at its label.")
 
     answering.serve(KEY, answer)
+    _until_reachable(asking, answering)
     assert asking.ask(KEY, b"good") == b"yes"
     with pytest.raises(RequestRejectedError, match="No such unit") as caught:
         asking.ask(KEY, b"bad")
@@ -45,6 +63,7 @@ def test_one_who_is_there_and_does_not_answer_has_not_refused(links: tuple[Zenoh
     asking, answering = links
     held: list[IncomingQuery] = []
     answering.serve(KEY, held.append)
+    _until_reachable(asking, answering)
     with pytest.raises(NoReplyError):
         asking.ask(KEY, b"anybody?", timeout_s=0.3)
     assert len(held) == 1
