@@ -16,7 +16,7 @@ from protocol.errors import Fault, TestloomError
 
 KEY = "testloom/t/coordinator/request/x"
 PROBE = "testloom/t/coordinator/request/probe"
-MAX_PROBES = 500
+MAX_PROBES = 10_000
 
 
 @pytest.fixture
