@@ -15,16 +15,16 @@ from scipy.signal import lfilter
 from dut_emulator.effects.catalogue import CATALOGUE, candidate
 from dut_emulator.effects.effect import EffectChain, SensorName, Stimulus
 from dut_emulator.effects.parameters import scalars, with_values
-from dut_emulator.gnc_module import make_unit
-from dut_emulator.gnc_module.inertial_sensors import (
+from dut_emulator.products.gnc_module import make_unit
+from dut_emulator.products.gnc_module.inertial_sensors import (
     ACC_LSB_M_S2,
     ACC_RANGE_COUNTS,
     GYRO_LSB_RAD_S,
     GYRO_RANGE_COUNTS,
     triad_effects,
 )
-from dut_emulator.kinematics import LevelBoard
-from dut_emulator.population import draw_unit
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.stands.level_board import LevelBoard
 from protocol.bench_description import Site
 from protocol.frames import encode_frame
 from protocol.gnc_module import START_STREAM_LAYOUT, FrameType

@@ -8,7 +8,7 @@ from sqlalchemy import create_engine, select
 from cli.line_layout import LineLayout
 from cli.line_summary import KeptRecord, Ledger, Truth, summarise
 from coordinator.store.tables import ATTEMPTS
-from dut_emulator.population import truth_table
+from dut_emulator.products.gnc_module.population import truth_table
 from protocol.line_views import LineStatus
 from protocol.outcomes import Outcome
 from protocol.routes import GNC_MODULE_ROUTE

@@ -9,29 +9,27 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import Stimulus
 
-@dataclass(frozen=True)
-class Environment:
-    """What acts on a unit at n moments, in its nominal body axes.
 
-    Attributes:
-        rate_rad_s: (n, 3) true inertial rate, Earth rate included.
-        specific_force_m_s2: (n, 3).
-        field_t: (n, 3) magnetic flux density.
-        temperature_c: (n,).
-    """
-
-    rate_rad_s: NDArray[np.float64]
-    specific_force_m_s2: NDArray[np.float64]
-    field_t: NDArray[np.float64]
-    temperature_c: NDArray[np.float64]
+class BenchModelError(Exception):
+    """A hand's mistake: a second unit in a socket, a fault that a stand cannot have. The text says which."""
 
 
 class Surroundings(Protocol):
     """Where a unit sits: a level socket board, or a stand's table."""
 
-    def environment(self, times_s: NDArray[np.float64]) -> Environment:
-        """What acts on the unit at these bench times (n,), non-decreasing, up to now."""
+    def stimulus(self, times_s: NDArray[np.float64]) -> Stimulus:
+        """What acts on the unit at these bench times (n,), non-decreasing, up to now.
+
+        `sample_period_s` is left open (NaN): the unit knows how it samples.
+        """
+        ...
+
+    @property
+    def effects(self) -> tuple[CatalogueEffect, ...]:
+        """The stand's own errors as they act on each triad; the unit's chains begin with them."""
         ...
 
 
@@ -156,4 +154,24 @@ class EmulatedStand(Surroundings, Protocol):
 
     def encoder_samples(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """The stand's own reading at these times (n,), up to now: (n, 15), columns as in docs/bench.md."""
+        ...
+
+
+class StandModel(Protocol):
+    """A motion stand as the bench sees it: commands in, samples out, faults for tests."""
+
+    def command(self, line: str, now_s: float) -> str:
+        """The answer to a line of its command port."""
+        ...
+
+    def advance(self, to_s: float) -> bytes:
+        """Stream samples of (last advance, to_s]."""
+        ...
+
+    def next_event_s(self) -> float | None:
+        """When it will next do something by itself."""
+        ...
+
+    def inject(self, fault: str, now_s: float) -> None:
+        """Switch a fault on, or all off. Raises BenchModelError for one that it cannot have."""
         ...

@@ -4,8 +4,8 @@
 
 The stimulus holds what the stand reports. A stand that is turned by a small rotation φ (body axes) against
 its report makes u − φ × u of an input, and adds φ̇ to a rate. Its effects follow the stand's angles, are
-common to all units and survive a re-mount. Axes are those of `dut_emulator.gimbal_geometry`: body x is the
-inner one.
+common to all units and survive a re-mount. Axes are those of `dut_emulator.motion.gimbal_geometry`: body x is
+the inner one.
 """
 
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from dut_emulator.effects.couplings import lever_arm_patterns
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.parameters import ZERO, Triple, parameter
 from dut_emulator.effects.recursions import rate_of_change
-from dut_emulator.gimbal_geometry import dcm_body_from_lab
+from dut_emulator.motion.gimbal_geometry import dcm_body_from_lab
 
 AxisName = Literal["outer", "middle", "inner"]
 AXIS_NAMES: tuple[AxisName, ...] = ("outer", "middle", "inner")

@@ -8,14 +8,13 @@ that a whole bench can be run in a test without a port.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from dut_emulator.instruments.multimeter import Multimeter
 from dut_emulator.instruments.oscilloscope import Oscilloscope
 from dut_emulator.instruments.power_supply import PowerSupply
 from dut_emulator.instruments.socket_board import SocketBoard
 from dut_emulator.instruments.wiring import SharedInputs
-from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
+from dut_emulator.interfaces import BenchModelError, EmulatedUnit, LinkOutput, StandModel, Surroundings
 from dut_emulator.server.slcan import SlcanAdapter
 from protocol.gnc_module import CONTINUITY_PAIRS, IMPEDANCE_PAIRS, INSULATION_PAIRS, TIMER_TEST_POINT
 
@@ -27,10 +26,6 @@ TEST_POINTS = frozenset(
 RS422, CAN = "rs422", "can"
 STAND = "stand"
 STAND_STREAM_LINK = f"{STAND}.stream"
-
-
-class BenchModelError(Exception):
-    """A hand's mistake: a second unit in a socket, a unit into a live socket. The text says which."""
 
 
 @dataclass
@@ -154,26 +149,6 @@ class Instruments:
     multimeter: Multimeter | None = None
     oscilloscope: Oscilloscope | None = None
     boards: dict[str, SocketBoard] = field(default_factory=lambda: dict[str, SocketBoard]())
-
-
-class StandModel(Protocol):
-    """A motion stand as the bench sees it: commands in, samples out, faults for tests."""
-
-    def command(self, line: str, now_s: float) -> str:
-        """The answer to a line of its command port."""
-        ...
-
-    def advance(self, to_s: float) -> bytes:
-        """Stream samples of (last advance, to_s]."""
-        ...
-
-    def next_event_s(self) -> float | None:
-        """When it will next do something by itself."""
-        ...
-
-    def inject(self, fault: str, now_s: float) -> None:
-        """Switch a fault on, or all off. Raises BenchModelError for one that it cannot have."""
-        ...
 
 
 class BenchModel:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import structlog
 
+from dut_emulator.interfaces import BenchModelError
 from dut_emulator.server.bench_clock import Activity, BenchClock, InvalidTransition
-from dut_emulator.server.bench_model import STAND, BenchModel, BenchModelError, SocketModel
+from dut_emulator.server.bench_model import STAND, BenchModel, SocketModel
 from dut_emulator.server.control_channel import ControlConnection
 from dut_emulator.server.link_faults import FAULTS_OF_FRAMING, LinkFault
 from dut_emulator.server.links import ByteLink

@@ -6,9 +6,9 @@ from enum import Enum
 import numpy as np
 
 from protocol.frames import CRC_BYTES, HEADER_BYTES
+from protocol.stand_stream import STAND_SAMPLE_DTYPE
 
 GARBAGE_BYTES = 12
-STREAM_SAMPLE_BYTES = 120
 
 
 class Framing(Enum):
@@ -76,7 +76,7 @@ def split_frames(data: bytes, framing: Framing) -> list[bytes]:
     frames: list[bytes] = []
     at = 0
     while at < len(data):
-        size = STREAM_SAMPLE_BYTES
+        size = STAND_SAMPLE_DTYPE.itemsize
         if framing is Framing.RS422:
             size = HEADER_BYTES + int.from_bytes(data[at + 4 : at + 6], "little") + CRC_BYTES
         frames.append(data[at : at + size])

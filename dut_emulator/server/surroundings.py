@@ -2,10 +2,11 @@
 """Where the units of a bench sit: on a level socket board, or on a stand's table."""
 
 from dut_emulator.interfaces import Surroundings
-from dut_emulator.kinematics import EncoderErrors, LevelBoard, ThreeAxisTurntableModel
 from dut_emulator.server.bench_model import StandModel
 from dut_emulator.server.configuration import BenchServerConfiguration
-from dut_emulator.server.turntable_commands import TurntablePort
+from dut_emulator.stands.level_board import LevelBoard
+from dut_emulator.stands.three_axis_turntable import EncoderErrors, ThreeAxisTurntableModel
+from dut_emulator.stands.turntable_commands import TurntablePort
 
 
 def surroundings_of(configuration: BenchServerConfiguration) -> tuple[StandModel | None, Surroundings]:

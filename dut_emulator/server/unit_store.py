@@ -48,7 +48,7 @@ class UnitStore:
         Raises:
             TestloomError: it is no serial number, or the flash cannot be read.
         """
-        from dut_emulator.gnc_module import make_unit  # late: it takes a second to import
+        from dut_emulator.products.gnc_module import make_unit  # late: it takes a second to import
 
         if len(serial) > MAX_SERIAL_LENGTH or not _SERIAL.fullmatch(serial):
             raise TestloomError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from protocol.bench_description import StandResources
 from protocol.errors import Fault, LinkError, LinkTimeoutError
+from protocol.stand_stream import STAND_SAMPLE_DTYPE
 from stations.drivers.clock import BranchClock
 from stations.drivers.serial_port import read_available
 
@@ -24,19 +25,6 @@ HOME_POLL_S = 0.25
 """Finding the reference takes as long as it takes, within two minutes; the controller does not say."""
 POSITION_TOLERANCE_DEG = 0.01
 AXES = ("outer", "middle", "inner")
-
-STAND_SAMPLE_DTYPE = np.dtype(
-    [
-        ("time_s", "<f8"),
-        ("rate_rad_s", "<f8", (3,)),
-        ("specific_force_m_s2", "<f8", (3,)),
-        ("angles_rad", "<f8", (3,)),
-        ("rates_rad_s", "<f8", (3,)),
-        ("temperature_c", "<f8"),
-        ("reserved", "<f8"),
-    ]
-)
-"""One encoder sample (docs/bench.md): rates and specific force in the unit's nominal axes."""
 
 
 class StandStatus:

@@ -8,8 +8,8 @@ from calibration.algorithms.magnetometer import hard_and_soft_iron
 from dut_emulator.effects.effect import EffectChain, Stimulus
 from dut_emulator.effects.slow_noise import FlickerNoise, RateRandomWalk
 from dut_emulator.effects.stochastic import WhiteNoise
-from dut_emulator.gnc_module.inertial_sensors import InertialSensors
-from dut_emulator.population import draw_unit, unit_seed
+from dut_emulator.products.gnc_module.inertial_sensors import InertialSensors
+from dut_emulator.products.gnc_module.population import draw_unit, unit_seed
 
 RATE_HZ, SAMPLES, RECORDS = 20.0, 2**14, 67  # of three axes each
 WHITE, FLICKER, WALK = 1e-3, 6e-4, 6e-5

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from calibration.imu_session import SlowNoise, calibrate_imu
-from dut_emulator.gnc_module.inertial_sensors import (
+from dut_emulator.effects.effect import Stimulus
+from dut_emulator.products.gnc_module.inertial_sensors import (
     ACC_LSB_M_S2,
     GYRO_LSB_RAD_S,
     InertialSensors,
 )
-from dut_emulator.interfaces import Environment
-from dut_emulator.population import draw_unit, unit_seed
-from dut_emulator.unit_truth import TriadTruth, UnitTruth
+from dut_emulator.products.gnc_module.population import draw_unit, unit_seed
+from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
 
 UNITS = 12
 WARM_UP_S = 600.0
@@ -64,7 +64,9 @@ def test_every_coefficient_comes_back(synthetic_imu, pulls, lot: list[UnitTruth]
 
         def seen(time_s, rate, force, sensors=sensors, unit=unit):
             count = len(time_s)
-            acting = Environment(
+            acting = Stimulus(
+                time_s=time_s,
+                sample_period_s=1 / stand.rate_hz,
                 rate_rad_s=rate,
                 specific_force_m_s2=force,
                 field_t=np.zeros((count, 3)),

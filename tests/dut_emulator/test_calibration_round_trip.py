@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from calibration.imu_session import Rotation, SlowNoise, StaticPose, calibrate_imu
-from dut_emulator.gimbal_geometry import body_rate_rad_s
-from dut_emulator.gnc_module import GncModule
-from dut_emulator.kinematics import ThreeAxisTurntableModel
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import Category, TriadTruth, UnitTruth
+from dut_emulator.motion.gimbal_geometry import body_rate_rad_s
+from dut_emulator.products.gnc_module import GncModule
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_truth import Category, TriadTruth, UnitTruth
+from dut_emulator.stands.three_axis_turntable import ThreeAxisTurntableModel
 from protocol import gnc_module as product
 from protocol.bench_description import Site
 from protocol.frames import FrameBlock, FrameParser, encode_frame
@@ -79,7 +79,7 @@ class Session:
         moved = self.table.move(POSES[name], self.now_s)
         assert isinstance(moved, float)
         self.now_s += moved
-        acting = self.table.environment(np.array([self.now_s]))
+        acting = self.table.stimulus(np.array([self.now_s]))
         time_s, gyro, acc = self.record(POSE_S)
         return StaticPose(name, gyro, acc, acting.specific_force_m_s2[0], acting.rate_rad_s[0], time_s)
 
@@ -89,7 +89,7 @@ class Session:
         time_s, gyro, _ = self.record(TURN_S)
         instants = np.linspace(begun_s, begun_s + TURN_S, 7001)
         turned = np.trapezoid(self.table.encoder_samples(instants)[:, 1:4], instants, axis=0)
-        inertial = self.table.environment(instants).rate_rad_s
+        inertial = self.table.stimulus(instants).rate_rad_s
         relative = body_rate_rad_s(*self.table.pose(instants)[:2])
         earth = np.trapezoid(inertial - relative, instants, axis=0)
         return Rotation(f"{axis}{angle_deg:+g}", time_s, gyro, turned, earth)

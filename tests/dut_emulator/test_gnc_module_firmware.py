@@ -9,12 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from dut_emulator.gnc_module import GncModule, make_unit
-from dut_emulator.gnc_module.power import TRANSITIONS, PowerEvent, PowerState, next_state
 from dut_emulator.interfaces import EmulatedUnit, LinkOutput
-from dut_emulator.kinematics import LevelBoard
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import Category, DigitalTruth, UnitTruth
+from dut_emulator.products.gnc_module import GncModule, make_unit
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.power import TRANSITIONS, PowerEvent, PowerState, next_state
+from dut_emulator.products.gnc_module.unit_truth import Category, DigitalTruth, UnitTruth
+from dut_emulator.stands.level_board import LevelBoard
 from protocol import gnc_module as product
 from protocol.bench_description import Site
 from protocol.can_database import PATTERN_MASK, EchoStatus, UnitState, decode_can, encode_can

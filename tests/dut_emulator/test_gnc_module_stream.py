@@ -6,11 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from dut_emulator.gnc_module import GncModule
-from dut_emulator.interfaces import Environment
-from dut_emulator.kinematics import LevelBoard, ThreeAxisTurntableModel
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import TriadTruth, UnitTruth
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import Stimulus
+from dut_emulator.products.gnc_module import GncModule
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
+from dut_emulator.stands.level_board import LevelBoard
+from dut_emulator.stands.three_axis_turntable import ThreeAxisTurntableModel
 from protocol import gnc_module as product
 from protocol.bench_description import Site
 from protocol.frames import Frame, FrameParser, encode_frame
@@ -154,7 +156,7 @@ def test_compensated_output_gives_the_input_back(angles_deg: tuple[float, float,
     payload = product.START_STREAM_LAYOUT.pack(200, 1)
     unit.receive("rs422", encode_frame(FrameType.START_STREAM, 1, payload), START_S)
     rows = samples_of(unit, START_S + 1.1)
-    acting = table.environment(np.array([START_S]))
+    acting = table.stimulus(np.array([START_S]))
     # two roundings to whole quanta, the first through the matrix
     np.testing.assert_allclose(rows["acc"][50] * ACC_LSB, acting.specific_force_m_s2[0], atol=1.2 * ACC_LSB)
     np.testing.assert_allclose(rows["gyro"][50] * GYRO_LSB, acting.rate_rad_s[0], atol=1.2 * GYRO_LSB)
@@ -169,9 +171,21 @@ class Spinning:
     ) -> None:
         self.acting = rate_rad_s, force_m_s2
 
-    def environment(self, times_s: np.ndarray) -> Environment:
+    @property
+    def effects(self) -> tuple[CatalogueEffect, ...]:
+        """None: it does what it says."""
+        return ()
+
+    def stimulus(self, times_s: np.ndarray) -> Stimulus:
         rate, force = (np.tile(value, (len(times_s), 1)) for value in self.acting)
-        return Environment(rate, force, np.zeros_like(rate), np.full(len(times_s), 23.0))
+        return Stimulus(
+            times_s,
+            np.full(len(times_s), 23.0),
+            math.nan,
+            rate_rad_s=rate,
+            specific_force_m_s2=force,
+            field_t=np.zeros_like(rate),
+        )
 
 
 def test_saturation_is_said() -> None:

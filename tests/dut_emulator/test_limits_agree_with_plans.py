@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from dut_emulator.population import draw_unit
-from dut_emulator.product_limits import HEALTHY_MARGIN_U, PRODUCT_LIMITS
-from dut_emulator.unit_truth import Category
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.product_limits import HEALTHY_MARGIN_U, PRODUCT_LIMITS
+from dut_emulator.products.gnc_module.unit_truth import Category
 from protocol.measurements import MeasurementSpecification
 from protocol.units_of_measure import factor_to_si, quantity_of
 from stations.sequencing.step_registry import bundled_plans

@@ -8,10 +8,16 @@ import random
 import numpy as np
 import pytest
 
-from dut_emulator.defects import DEFECTS, NEAR_LIMIT_MEASURANDS
-from dut_emulator.population import GROSS_SHARE, MARGINAL_SHARE, NEAR_LIMIT_SHARE, draw_unit, truth_table
-from dut_emulator.product_limits import HEALTHY_MARGIN_U, PRODUCT_LIMITS, ProductLimit
-from dut_emulator.unit_truth import Category, UnitTruth
+from dut_emulator.products.gnc_module.defects import DEFECTS, NEAR_LIMIT_MEASURANDS
+from dut_emulator.products.gnc_module.population import (
+    GROSS_SHARE,
+    MARGINAL_SHARE,
+    NEAR_LIMIT_SHARE,
+    draw_unit,
+    truth_table,
+)
+from dut_emulator.products.gnc_module.product_limits import HEALTHY_MARGIN_U, PRODUCT_LIMITS, ProductLimit
+from dut_emulator.products.gnc_module.unit_truth import Category, UnitTruth
 from protocol.gnc_module import CONTINUITY_PAIRS, IMPEDANCE_PAIRS, INSULATION_PAIRS
 from protocol.units_of_measure import STANDARD_GRAVITY_M_S2, is_known_unit
 

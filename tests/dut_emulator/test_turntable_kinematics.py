@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dut_emulator import gimbal_geometry as geometry
-from dut_emulator.axis_motion import MAX_PIECES, AxisMotion, Trapezoid
 from dut_emulator.interfaces import EmulatedStand, StandRefusal
-from dut_emulator.kinematics import (
+from dut_emulator.motion import gimbal_geometry as geometry
+from dut_emulator.motion.axis_motion import MAX_PIECES, AxisMotion, Trapezoid
+from dut_emulator.stands.level_board import LevelBoard
+from dut_emulator.stands.three_axis_turntable import (
     ERR_ARGUMENT,
     ERR_BUSY,
     ERR_DOOR_OPEN,
     ERR_LIMIT,
     ERR_NO_MARK,
     ERR_NO_REFERENCE,
-    LevelBoard,
     ThreeAxisTurntableModel,
 )
 from protocol.bench_description import Site
@@ -108,7 +108,7 @@ def test_six_positions_point_each_axis_up_and_down(
     table, now = homed()
     duration = table.move(angles_deg, now)
     assert isinstance(duration, float)
-    force = table.environment(np.array([now + duration])).specific_force_m_s2[0]
+    force = table.stimulus(np.array([now + duration])).specific_force_m_s2[0]
     expected = np.zeros(3)
     expected[axis] = sign * 9.797
     np.testing.assert_allclose(force, expected, atol=1e-12)
@@ -117,7 +117,7 @@ def test_six_positions_point_each_axis_up_and_down(
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 217.0])
 def test_earth_rate_by_latitude_and_heading(heading_deg: float) -> None:
     site = SITE.model_copy(update={"heading_deg": heading_deg})
-    acting = LevelBoard(site).environment(np.zeros(4))
+    acting = LevelBoard(site).stimulus(np.zeros(4))
     heading, latitude = math.radians(heading_deg), math.radians(34.2)
     horizontal = 15.041067 * math.cos(latitude)  # deg/h
     # the north component seen by an axis is the cosine of the angle between them: y at the heading, x 90° on
@@ -136,7 +136,7 @@ def test_norms_stay_while_the_table_turns() -> None:
     table, now = homed()
     assert not isinstance(table.move((30.0, 50.0, -20.0), now), StandRefusal)
     times = np.linspace(now, now + 2.0, 500)
-    acting = table.environment(times)
+    acting = table.stimulus(times)
     turning = geometry.body_rate_rad_s(*table.pose(times)[:2])
     earth = np.linalg.norm(acting.rate_rad_s - turning, axis=1)
     np.testing.assert_allclose(earth, geometry.EARTH_RATE_RAD_S, rtol=1e-10)
@@ -144,14 +144,14 @@ def test_norms_stay_while_the_table_turns() -> None:
 
 
 def test_board_tilt_shows_as_horizontal_gravity() -> None:
-    force = LevelBoard(SITE, tilt_rad=(1e-3, 2e-3)).environment(np.zeros(1)).specific_force_m_s2[0]
+    force = LevelBoard(SITE, tilt_rad=(1e-3, 2e-3)).stimulus(np.zeros(1)).specific_force_m_s2[0]
     np.testing.assert_allclose(force, [-9.797 * 2e-3, 9.797 * 1e-3, 9.797], atol=1e-4)
 
 
 def test_lever_arm_feels_the_centripetal_force() -> None:
     table, now = homed(lever_arm_m=(0.1, 0.0, 0.0))
     assert table.rotate("outer", 360.0, 5.0, 1.0, now) == 5.0
-    force = table.environment(np.array([now + 2.5, now + 0.5])).specific_force_m_s2
+    force = table.stimulus(np.array([now + 2.5, now + 0.5])).specific_force_m_s2
     rate = math.radians(90.0)  # 360° / (5 − 1) s
     assert force[0] == pytest.approx([-(rate**2) * 0.1, 0.0, 9.797])
     assert force[1] == pytest.approx([-((rate / 2) ** 2) * 0.1, rate * 0.1, 9.797])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dut_emulator.population import draw_unit
+from dut_emulator.products.gnc_module.population import draw_unit
 from protocol.gnc_module import (
     BOOT_DURATION_S,
     CONTINUITY_PAIRS,

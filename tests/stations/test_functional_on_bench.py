@@ -4,9 +4,9 @@ import threading
 
 import pytest
 
-from dut_emulator.defects import DEFECTS
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import Category
+from dut_emulator.products.gnc_module.defects import DEFECTS
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_truth import Category
 from protocol.bench_control import Insert
 from protocol.errors import Fault
 from protocol.measurements import MeasurementOutcome

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from dut_emulator.population import draw_unit
+from dut_emulator.products.gnc_module.population import draw_unit
 from protocol.errors import Fault, LinkError
 from protocol.gnc_module import CONTINUITY_PAIRS, IMPEDANCE_PAIRS, OPEN_CIRCUIT_OHM
 from protocol.instruments import (

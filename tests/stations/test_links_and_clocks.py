@@ -7,8 +7,8 @@ import time
 import pytest
 import serial
 
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import Category
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_truth import Category
 from protocol.bench_control import BenchTime, Insert, Remove, Wait
 from protocol.errors import Fault, LinkError
 from protocol.outcomes import Outcome

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from dut_emulator.product_limits import PRODUCT_LIMITS
+from dut_emulator.products.gnc_module.product_limits import PRODUCT_LIMITS
 from protocol.errors import Fault, PlanError, TestloomError
 from protocol.gnc_module import (
     CONTINUITY_PAIRS,

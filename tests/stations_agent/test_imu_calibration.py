@@ -12,9 +12,9 @@ import pytest
 
 from calibration.algorithms.coefficients import TriadCoefficients
 from calibration.recorded import Source, evaluate
-from dut_emulator.kinematics import ROOM_TEMPERATURE_C
-from dut_emulator.population import draw_unit
-from dut_emulator.unit_truth import Category, TriadTruth, UnitTruth
+from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_truth import Category, TriadTruth, UnitTruth
+from dut_emulator.stands.three_axis_turntable import ROOM_TEMPERATURE_C
 from protocol.adapters.mcap_form import read_mcap
 from protocol.bench_control import Inject
 from protocol.errors import Fault, RecordingError

@@ -9,9 +9,10 @@ import pytest
 
 from protocol.frames import Frame, FrameParser, encode_equal_frames, encode_frame
 from protocol.gnc_module import REPLY_BIT, SAMPLE_DTYPE, FrameType
+from protocol.stand_stream import STAND_SAMPLE_DTYPE
 from stations.drivers.clock import WALL_POLL_S, BranchClock
 from stations.drivers.frame_exchange import FrameExchange
-from stations.drivers.turntable import STAND_SAMPLE_DTYPE, LineTurntable
+from stations.drivers.turntable import LineTurntable
 from stations.drivers.unit_link import GncModuleLink
 from stations.imu_stand.capture import TurnProfile, capture_poses, capture_turns
 

@@ -3,6 +3,6 @@
 Pure: bench time comes in with every call. `make_unit` is what a server calls.
 """
 
-from dut_emulator.gnc_module.unit import GncModule, make_unit
+from dut_emulator.products.gnc_module.unit import GncModule, make_unit
 
 __all__ = ["GncModule", "make_unit"]

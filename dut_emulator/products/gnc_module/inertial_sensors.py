@@ -5,6 +5,7 @@ Each triad is a chain of effects on what acts on the unit; its range and quantum
 temperature is the surroundings' plus the unit's own warming up.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -21,9 +22,8 @@ from dut_emulator.effects.deterministic import (
 )
 from dut_emulator.effects.effect import ChainState, Effect, EffectChain, SensorName, Stimulus
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
-from dut_emulator.gnc_module.flash import Coefficients
-from dut_emulator.interfaces import Environment
-from dut_emulator.unit_truth import TriadTruth, UnitTruth
+from dut_emulator.products.gnc_module.flash import Coefficients
+from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
 from protocol.gnc_module import (
     ACC_LSB_G,
     ACC_RANGE_G,
@@ -101,12 +101,18 @@ class InertialSensors:
         since = np.maximum(times_s - self._power_on_s, 0.0)
         return surrounding_c - self._truth.self_heating_c * np.expm1(-since / SELF_HEATING_TIME_S)
 
-    def sample(self, times_s: NDArray[np.float64], period_s: float, acting: Environment) -> SensorSamples:
+    def sample(self, times_s: NDArray[np.float64], period_s: float, acting: Stimulus) -> SensorSamples:
         """Raw samples at these instants, spaced by `period_s`; calls go forward in time."""
         temperature = self.temperature_c(acting.temperature_c, times_s)
-        stimulus = Stimulus(times_s, temperature, period_s)
-        gyro = self._gyro.apply(acting.rate_rad_s, stimulus, self._gyro_memory)
-        acc = self._acc.apply(acting.specific_force_m_s2, stimulus, self._acc_memory)
+        stimulus = dataclasses.replace(
+            acting,
+            time_s=times_s,
+            temperature_c=temperature,
+            sample_period_s=period_s,
+            power_on_s=self._power_on_s,
+        )
+        gyro = self._gyro.apply(acting.true_input("gyro"), stimulus, self._gyro_memory)
+        acc = self._acc.apply(acting.true_input("acc"), stimulus, self._acc_memory)
         gyro_counts = np.rint(gyro / GYRO_LSB_RAD_S).astype(np.int32)
         acc_counts = np.rint(acc / ACC_LSB_M_S2).astype(np.int32)
         status = np.zeros(len(times_s), dtype=np.uint16)
@@ -124,7 +130,7 @@ class InertialSensors:
         return SensorSamples(
             gyro=gyro_counts,
             acc=acc_counts,
-            mag=np.rint(self.field_t(acting.field_t) / MAG_LSB_T).astype(np.int32),
+            mag=np.rint(self.field_t(acting.true_input("mag")) / MAG_LSB_T).astype(np.int32),
             temperature=np.rint(reading).astype(np.int16),
             status=status,
         )

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator.gnc_module.flash import Flash
-from dut_emulator.gnc_module.inertial_sensors import InertialSensors
-from dut_emulator.interfaces import Environment, Surroundings
-from dut_emulator.unit_truth import UnitTruth
+from dut_emulator.effects.effect import Stimulus
+from dut_emulator.interfaces import Surroundings
+from dut_emulator.products.gnc_module.flash import Flash
+from dut_emulator.products.gnc_module.inertial_sensors import InertialSensors
+from dut_emulator.products.gnc_module.unit_truth import UnitTruth
 
 
 @dataclass
@@ -34,6 +35,6 @@ class Hardware:
         """(n,) the unit's clock since power-on."""
         return np.rint((times_s - self.power_on_s) / self.second_s * 1e6)
 
-    def acting_at(self, time_s: float) -> Environment:
+    def acting_at(self, time_s: float) -> Stimulus:
         """What acts at one moment, n = 1."""
-        return self.surroundings.environment(np.array([time_s]))
+        return self.surroundings.stimulus(np.array([time_s]))

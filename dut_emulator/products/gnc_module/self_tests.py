@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator.defects import MEMORY_WORDS
-from dut_emulator.gnc_module.inertial_sensors import ACC_LSB_M_S2, GYRO_LSB_RAD_S, SensorSamples
-from dut_emulator.unit_truth import UnitTruth
+from dut_emulator.products.gnc_module.defects import MEMORY_WORDS
+from dut_emulator.products.gnc_module.inertial_sensors import ACC_LSB_M_S2, GYRO_LSB_RAD_S, SensorSamples
+from dut_emulator.products.gnc_module.unit_truth import UnitTruth
 from protocol.gnc_module import (
     AD_OPEN_INPUT_V,
     AD_VALUES,

@@ -19,13 +19,13 @@ from itertools import count
 
 import numpy as np
 
-from dut_emulator.gnc_module import self_tests
-from dut_emulator.gnc_module.flash import Coefficients
-from dut_emulator.gnc_module.hardware import Hardware
-from dut_emulator.gnc_module.heartbeat import status_frame
-from dut_emulator.gnc_module.inertial_sensors import SensorSamples
-from dut_emulator.gnc_module.stream import MAX_SAMPLES_PER_OUTPUT, SampleStream
 from dut_emulator.interfaces import LinkOutput
+from dut_emulator.products.gnc_module import self_tests
+from dut_emulator.products.gnc_module.flash import Coefficients
+from dut_emulator.products.gnc_module.hardware import Hardware
+from dut_emulator.products.gnc_module.heartbeat import status_frame
+from dut_emulator.products.gnc_module.inertial_sensors import SensorSamples
+from dut_emulator.products.gnc_module.stream import MAX_SAMPLES_PER_OUTPUT, SampleStream
 from protocol import gnc_module as product
 from protocol.can_database import (
     GNC_STATUS,
@@ -279,7 +279,7 @@ class Firmware:
             case SelfTest.GNSS:
                 return self_tests.gnss_values(truth, hardware.rng)
             case SelfTest.AD:
-                field_t = hardware.sensors.field_t(hardware.acting_at(now_s).field_t)[0]
+                field_t = hardware.sensors.field_t(hardware.acting_at(now_s).true_input("mag"))[0]
                 return self_tests.ad_values(truth, field_t, hardware.routed_v, hardware.rng)
             case SelfTest.IO:
                 return self_tests.io_values(truth, running.argument & 0xFF, running.argument >> 8)
@@ -295,9 +295,7 @@ class Firmware:
         period_s = self.hardware.second_s / self_tests.IMU_TEST_RATE_HZ
         number = round((now_s - running.started_s) / period_s)
         times_s = np.minimum(running.started_s + period_s * np.arange(1, number + 1), now_s)
-        return self.hardware.sensors.sample(
-            times_s, period_s, self.hardware.surroundings.environment(times_s)
-        )
+        return self.hardware.sensors.sample(times_s, period_s, self.hardware.surroundings.stimulus(times_s))
 
     def _imu_is_busy(self) -> bool:
         return self._stream is not None or product.RESOURCE_OF_TEST[SelfTest.IMU] in self._running
@@ -337,7 +335,7 @@ class Firmware:
             number = min(due, MAX_SAMPLES_PER_OUTPUT)
             due -= number
             times_s = np.minimum(stream.instants_s(number), now_s)
-            acting = self.hardware.surroundings.environment(times_s)
+            acting = self.hardware.surroundings.stimulus(times_s)
             samples = self.hardware.sensors.sample(times_s, stream.period_s, acting)
             if stream.compensated:
                 coefficients = self.hardware.flash.coefficients

@@ -1,5 +1,5 @@
 # pyright: strict
-"""Where units sit: a level socket board, and a three-axis turntable as a state machine over bench time.
+"""A three-axis turntable as a state machine over bench time.
 
 The turntable's states: NOREF until `home` has found the reference marks, MOVING while any axis turns or
 the marks are sought, READY at rest, FAULT while the door is open. It takes a command only when READY
@@ -16,50 +16,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator import gimbal_geometry as geometry
-from dut_emulator.axis_motion import AxisMotion, Trapezoid
-from dut_emulator.interfaces import Environment, StandRefusal, StandStatus
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import Stimulus
+from dut_emulator.interfaces import StandRefusal, StandStatus
+from dut_emulator.motion import gimbal_geometry as geometry
+from dut_emulator.motion.axis_motion import AxisMotion, Trapezoid
+from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
 from protocol.bench_description import Site
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 AXES = ("outer", "middle", "inner")
-ROOM_TEMPERATURE_C = 23.0
 ARC_SECOND_RAD = math.radians(1 / 3600)
 
 ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_NO_MARK, ERR_ARGUMENT = 10, 11, 12, 13, 14, 15
 REFERENCE_SEARCH_S = 3.0
 """The creep over the reference marks after the way to zero."""
 REST_TOLERANCE_S = 1e-9
-
-
-class LevelBoard:
-    """A socket board on a bench: at rest, level but for a small tilt. Body z is up."""
-
-    def __init__(
-        self,
-        site: Site,
-        tilt_rad: tuple[float, float] = (0.0, 0.0),
-        temperature_c: float = ROOM_TEMPERATURE_C,
-    ) -> None:
-        """`tilt_rad`: rotation of the board about its x and y axes."""
-        about_x, about_y = tilt_rad
-        angles = np.array([[0.0, about_y, about_x]])
-        self._rate = geometry.into_body(geometry.earth_rate_lab_rad_s(site), angles)
-        self._force = geometry.into_body(geometry.specific_force_lab_m_s2(site), angles)
-        self._field = geometry.into_body(geometry.field_lab_t(site), angles)
-        self._temperature_c = np.array([temperature_c])
-
-    def environment(self, times_s: FloatArray) -> Environment:
-        """The same at all times; the arrays are views that cannot be written."""
-        shape = (len(times_s), 3)
-        return Environment(
-            rate_rad_s=np.broadcast_to(self._rate, shape),
-            specific_force_m_s2=np.broadcast_to(self._force, shape),
-            field_t=np.broadcast_to(self._field, shape),
-            temperature_c=np.broadcast_to(self._temperature_c, (len(times_s),)),
-        )
 
 
 @dataclass(frozen=True)
@@ -186,7 +160,12 @@ class ThreeAxisTurntableModel:
         angles, rates, accelerations = self._pose_deg(times_s)
         return np.radians(angles), np.radians(rates), np.radians(accelerations)
 
-    def environment(self, times_s: FloatArray) -> Environment:
+    @property
+    def effects(self) -> tuple[CatalogueEffect, ...]:
+        """None: it does what it says."""
+        return ()
+
+    def stimulus(self, times_s: FloatArray) -> Stimulus:
         """What acts on the unit: Earth rate and the table's, gravity and lever arm, field, temperature."""
         angles, rates, accelerations = self.pose(times_s)
         turning = geometry.body_rate_rad_s(angles, rates)
@@ -194,11 +173,16 @@ class ThreeAxisTurntableModel:
         if self._lever_arm_m.any():
             angular = geometry.body_acceleration_rad_s2(angles, rates, accelerations)
             force += geometry.lever_arm_force_m_s2(turning, angular, self._lever_arm_m)
-        return Environment(
-            rate_rad_s=turning + geometry.into_body(self._earth_rate, angles),
+        earth_rate = geometry.into_body(self._earth_rate, angles)
+        return Stimulus(
+            time_s=times_s,
+            temperature_c=np.full(len(times_s), self._temperature_c),
+            sample_period_s=math.nan,
+            rate_rad_s=turning + earth_rate,
             specific_force_m_s2=force,
             field_t=geometry.into_body(self._field, angles),
-            temperature_c=np.full(len(times_s), self._temperature_c),
+            angles_rad=angles,
+            earth_rate_rad_s=earth_rate,
         )
 
     def encoder_samples(self, times_s: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator.gnc_module.inertial_sensors import SensorSamples
+from dut_emulator.products.gnc_module.inertial_sensors import SensorSamples
 from protocol.frames import encode_equal_frames
 from protocol.gnc_module import SAMPLE_DTYPE, FrameType
 

@@ -5,15 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from dut_emulator.gnc_module import electrical
-from dut_emulator.gnc_module.firmware import Firmware
-from dut_emulator.gnc_module.flash import Flash
-from dut_emulator.gnc_module.hardware import Hardware
-from dut_emulator.gnc_module.inertial_sensors import InertialSensors
-from dut_emulator.gnc_module.power import PowerEvent, PowerState, next_state
 from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
-from dut_emulator.population import draw_unit, unit_seed
-from dut_emulator.unit_truth import UnitTruth
+from dut_emulator.products.gnc_module import electrical
+from dut_emulator.products.gnc_module.firmware import Firmware
+from dut_emulator.products.gnc_module.flash import Flash
+from dut_emulator.products.gnc_module.hardware import Hardware
+from dut_emulator.products.gnc_module.inertial_sensors import InertialSensors
+from dut_emulator.products.gnc_module.population import draw_unit, unit_seed
+from dut_emulator.products.gnc_module.power import PowerEvent, PowerState, next_state
+from dut_emulator.products.gnc_module.unit_truth import UnitTruth
 from protocol.errors import Fault, TestloomError
 from protocol.gnc_module import (
     AD_CHANNEL_OF_SOURCE,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dut_emulator.effects.deterministic import Triple
-from dut_emulator.unit_truth import TriadTruth, UnitTruth
+from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
 from protocol.gnc_module import (
     CONTINUITY_PAIRS,
     IMPEDANCE_PAIRS,

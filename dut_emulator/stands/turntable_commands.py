@@ -13,9 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from dut_emulator.interfaces import EmulatedStand, StandRefusal
-from dut_emulator.server.bench_model import BenchModelError
-from dut_emulator.server.link_faults import STREAM_SAMPLE_BYTES
+from dut_emulator.interfaces import BenchModelError, EmulatedStand, StandRefusal
+from protocol.stand_stream import STAND_SAMPLE_DTYPE
 
 ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 MAX_STREAM_RATE_HZ = 2000.0
@@ -113,7 +112,7 @@ class TurntablePort:
         if ripe > self._taken:
             times_s = self._started_s + np.arange(self._taken, ripe) / self._rate_hz
             rows = self._stand.encoder_samples(times_s).astype("<f8")
-            assert rows.shape[1] * 8 == STREAM_SAMPLE_BYTES
+            assert rows.shape[1] * 8 == STAND_SAMPLE_DTYPE.itemsize
             self._pending.append(rows.tobytes())
             self._taken = ripe
 

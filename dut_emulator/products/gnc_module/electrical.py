@@ -6,7 +6,7 @@ Out of scope: inrush, load steps, contact resistance (the socket board's) and an
 
 import math
 
-from dut_emulator.unit_truth import ElectricalTruth
+from dut_emulator.products.gnc_module.unit_truth import ElectricalTruth
 from protocol.gnc_module import CONTINUITY_PAIRS, IMPEDANCE_PAIRS, INSULATION_PAIRS, OPEN_CIRCUIT_OHM
 
 TURN_ON_V, BROWN_OUT_V = 4.3, 4.0

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dut_emulator.defects import (
+from dut_emulator.products.gnc_module.defects import (
     DEFECTS,
     NEAR_LIMIT_MEASURANDS,
     DefectKind,
@@ -22,7 +22,7 @@ from dut_emulator.defects import (
     break_unit,
     with_consequences,
 )
-from dut_emulator.product_limits import (
+from dut_emulator.products.gnc_module.product_limits import (
     DEG,
     GROSS_WIDTHS,
     MARGINAL_WIDTHS,
@@ -31,7 +31,7 @@ from dut_emulator.product_limits import (
     NEAR_LIMIT_TO_U,
     PRODUCT_LIMITS,
 )
-from dut_emulator.unit_truth import (
+from dut_emulator.products.gnc_module.unit_truth import (
     Category,
     DigitalTruth,
     ElectricalTruth,
