@@ -44,7 +44,7 @@ class ProfileKind:
             parameter = known[name]
             if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
                 raise self._refused(
-                    f"{name} = {value:g} is outside {parameter.low:g} to {parameter.high:g} {parameter.unit}.",
+                    f"{name} cannot be {value:g} {parameter.unit}.",
                     f"give {parameter.low:g} to {parameter.high:g} {parameter.unit}.",
                 )
         return {name: given.get(name, parameter.default) for name, parameter in known.items()}
