@@ -1,0 +1,58 @@
+# pyright: strict
+"""What is to be recorded: a unit, a profile, a stand, and how it is started. Pure data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from dut_emulator.products.product import Product
+from dut_emulator.twin import Twin
+from protocol.bench_description import Site
+
+LABORATORY = Site(latitude_deg=39.96, gravity_m_s2=9.8013)
+"""Where it is recorded if nothing is said."""
+FIRST_MOUNT = "m1"
+STARTED_AT = "2026-01-01T00:00:00Z"
+"""The clock is an input: without a date of its own a recording is the same on every day."""
+UNTRIGGERED_OFFSET_S = 0.013
+"""Between two clocks that were started by hand (paper 2: 2.6° of error at 200 °/s)."""
+
+SampleType = Literal["float64", "float32"]
+
+
+@dataclass(frozen=True)
+class RecordingOrder:
+    """One recording, before it is made. The same order gives the same samples.
+
+    Attributes:
+        product: its name, or a product of one's own.
+        profile: one that this product can undergo.
+        values: of the profile's parameters, each in its unit; the others are at their defaults.
+        twin: the unit's true effects; None draws the unit of this seed and serial number.
+        seed: of the lot that the unit comes from, and of its noise.
+        serial: which unit of the lot.
+        stand_seed: which stand of its kind.
+        site: where it stands.
+        triggered: both clocks are started by one edge; else the stand's is ahead by `clock_offset_s`.
+        run: number of the run; each has noise of its own.
+        mount: how the unit was mounted; what remounting changes is drawn anew for each name.
+        powered_before_s: how long the unit had been powered when the run began.
+        started_at: ISO date and time.
+        sample_type: of samples that are no whole numbers; times are always float64.
+    """
+
+    product: str | Product
+    profile: str
+    values: Mapping[str, float] = field(default_factory=dict[str, float])
+    twin: Twin | None = None
+    seed: int = 1
+    serial: str = "U-0001"
+    stand_seed: int = 1
+    site: Site = LABORATORY
+    triggered: bool = True
+    clock_offset_s: float = UNTRIGGERED_OFFSET_S
+    run: int = 1
+    mount: str = FIRST_MOUNT
+    powered_before_s: float = 0.0
+    started_at: str = STARTED_AT
+    sample_type: SampleType = "float64"
