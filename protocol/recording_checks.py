@@ -115,6 +115,41 @@ def _check_finite(samples: NDArray[Any], where: str, findings: Findings) -> None
         )
 
 
+def checked_columns(stream: str, types: Mapping[str, str], columns: Mapping[str, NDArray[Any]]) -> int:
+    """How many samples these columns have, if they can be appended to a stream.
+
+    Args:
+        stream: its name, for errors.
+        types: column → type, as declared when the recording was opened.
+        columns: what is to be appended.
+
+    Raises:
+        RecordingError: a column is missing, not declared, of another length, or of a type that
+            cannot be kept without loss.
+    """
+    where = f"stream {stream}"
+    remedy = "append what was declared when the recording was opened."
+    if set(columns) != set(types):
+        odd = ", ".join(sorted(set(columns) ^ set(types)))
+        raise RecordingError(
+            f"The columns are not those declared: {odd}.", where=where, fault=Fault.TESTLOOM, remedy=remedy
+        )
+    shapes = {column.shape for column in columns.values()}
+    if len(shapes) > 1 or len(next(iter(shapes))) != 1:
+        raise RecordingError(
+            "The columns have different lengths.", where=where, fault=Fault.TESTLOOM, remedy=remedy
+        )
+    for name, column in columns.items():
+        if not np.can_cast(column.dtype, types[name], "safe"):
+            raise RecordingError(
+                f"'{column.dtype}' cannot be kept as '{types[name]}' without loss.",
+                where=f"{where}, column {name}",
+                fault=Fault.TESTLOOM,
+                remedy=remedy,
+            )
+    return next(iter(shapes))[0]
+
+
 def missing_values(stream: Stream) -> dict[str, int]:
     """Column → how many of its values are missing (NaN); columns without any are left out."""
     counts = {

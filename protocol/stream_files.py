@@ -70,7 +70,7 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
         return
     import pyarrow as pa
 
-    table = pa.table({name: pa.array(_for_arrow(column, path.suffix)) for name, column in columns.items()})
+    table = pa.table({name: pa.array(for_arrow(column, path.suffix)) for name, column in columns.items()})
     if path.suffix == ".csv":
         import pyarrow.csv
 
@@ -81,8 +81,10 @@ def write_columns(path: Path, columns: Mapping[str, NDArray[Any]]) -> None:
     pyarrow.parquet.write_table(table, path, compression="zstd", write_page_checksum=True)
 
 
-def _for_arrow(column: NDArray[Any], suffix: str) -> NDArray[Any]:
-    """Native byte order; for text, float32 by its exact value as float64 and truth values as 0 and 1."""
+def for_arrow(column: NDArray[Any], suffix: str) -> NDArray[Any]:
+    """A column as arrow writes it: native byte order; for text, float32 by its exact value as float64 and
+    truth values as 0 and 1.
+    """
     native = column.astype(column.dtype.newbyteorder("="), copy=False)
     if suffix == ".csv" and native.dtype == np.float32:
         return native.astype(np.float64)

@@ -20,10 +20,10 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from numpy.typing import NDArray
 
 from protocol.adapters.mcap_file import McapFile
-from protocol.adapters.sample_messages import SampleLayout, checked_columns, log_times_ns
+from protocol.adapters.sample_messages import SampleLayout, log_times_ns
 from protocol.attempts import RecordingReference
 from protocol.durable_files import storage_error, sync
-from protocol.recording_checks import Findings, check_stream
+from protocol.recording_checks import Findings, check_stream, checked_columns
 from protocol.recording_document import DOCUMENT_NAME, document_of, types_of
 from protocol.recordings import FORMAT, Recording
 from protocol.units_of_measure import factor_to_si
@@ -84,7 +84,7 @@ class McapRecordingWriter:
                 discarded in the second case.
         """
         layout = self._layouts[stream]
-        count = checked_columns(layout, columns)
+        count = checked_columns(stream, layout.types, columns)
         time, unit_s = self._time_units[stream]
         per_chunk = max(1, CHUNK_BYTES // layout.record.itemsize)
         for start in range(0, count, per_chunk):

@@ -19,8 +19,6 @@ import numpy as np
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
 from numpy.typing import NDArray
 
-from protocol.errors import Fault, RecordingError
-
 MESSAGE_OPCODE = 5
 MESSAGE_HEAD_BYTES = 9  # opcode and length of a record
 PACKAGE = "testloom"
@@ -145,36 +143,6 @@ def log_times_ns(time: NDArray[Any], unit_s: float, epoch_ns: int) -> NDArray[np
     seconds = np.nan_to_num(time.astype(np.float64) * unit_s, nan=0.0)
     nanoseconds = np.rint(np.clip(seconds, -_LONGEST_S, _LONGEST_S) * 1e9).astype(np.int64)
     return np.maximum(nanoseconds + epoch_ns, 0).astype(np.uint64)
-
-
-def checked_columns(layout: SampleLayout, columns: Mapping[str, NDArray[Any]]) -> int:
-    """How many samples these columns have, if they can be written by this layout.
-
-    Raises:
-        RecordingError: a column is missing, not declared, of another length, or of a type that
-            cannot be kept without loss.
-    """
-    where = f"stream {layout.stream}"
-    remedy = "append what was declared when the recording was opened."
-    if set(columns) != set(layout.types):
-        odd = ", ".join(sorted(set(columns) ^ set(layout.types)))
-        raise RecordingError(
-            f"The columns are not those declared: {odd}.", where=where, fault=Fault.TESTLOOM, remedy=remedy
-        )
-    shapes = {column.shape for column in columns.values()}
-    if len(shapes) > 1 or len(next(iter(shapes))) != 1:
-        raise RecordingError(
-            "The columns have different lengths.", where=where, fault=Fault.TESTLOOM, remedy=remedy
-        )
-    for name, column in columns.items():
-        if not np.can_cast(column.dtype, layout.types[name], "safe"):
-            raise RecordingError(
-                f"'{column.dtype}' cannot be kept as '{layout.types[name]}' without loss.",
-                where=f"{where}, column {name}",
-                fault=Fault.TESTLOOM,
-                remedy=remedy,
-            )
-    return next(iter(shapes))[0]
 
 
 def _identifier(name: str) -> str:
