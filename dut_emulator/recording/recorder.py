@@ -12,20 +12,28 @@ offset of clocks that no trigger joins) is not in it; `RecordingSession.truth` h
 
 import dataclasses
 import json
+import math
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import date, datetime
-from typing import Any, Protocol
+from typing import Any, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import SensorName
 from dut_emulator.lot import LotDraw
 from dut_emulator.motion import gimbal_geometry
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.products.catalogue import product_named
-from dut_emulator.products.product import Product, UnitOnStand, UnitStreams, sample_times_s
+from dut_emulator.products.product import (
+    Product,
+    UnitOnStand,
+    UnitStreams,
+    chain_effects,
+    sample_times_s,
+)
 from dut_emulator.recording.order import FIRST_MOUNT, RecordingOrder
 from dut_emulator.stands.catalogue import recording_stand
 from dut_emulator.stands.recording_stand import RecordingStand
@@ -83,13 +91,12 @@ class RecordingSession:
         )
         self._product = product
         self._offset_s = 0.0 if order.triggered else order.clock_offset_s
-        units = {parameter.name: parameter.unit for parameter in profile.parameters}
         test = {
             "profile": order.profile,
             "run": order.run,
             "mount": order.mount,
             "started_at": order.started_at,
-            "values": {name: {"value": value, "unit": units[name]} for name, value in values.items()},
+            "values": values,
             "triggered": order.triggered,
             **({"power_on_s": self.unit.power_on_s} if order.powered_before_s else {}),
         }
@@ -121,7 +128,7 @@ class RecordingSession:
         run = self.unit.run
         streams = self._product.begin(self.unit)
         step_s = chunk_samples / max(self.unit.rate_hz, run.reading_rate_hz)
-        steps = max(1, int(np.ceil(self.duration_s / step_s)))
+        steps = max(1, math.ceil(self.duration_s / step_s))
         first = 0
         for step in range(1, steps + 1):
             to_s = self.duration_s if step == steps else step * step_s
@@ -138,8 +145,14 @@ class RecordingSession:
     def truth(self) -> dict[str, Any]:
         """What the recording does not tell: the unit's and the stand's effects, the clocks' offset."""
         order = self.order
-        effects = sorted(self.unit.stand_effects, key=lambda effect: (effect.sensor, effect.stage))
-        stand = Twin(self.stand.identity.kind, tuple(effects))
+        own = set(self.twin.effects)
+        acting = (
+            effect
+            for sensor in get_args(SensorName)
+            for effect in chain_effects(self.twin, self.unit.stand_effects, sensor)
+            if effect not in own
+        )
+        stand = Twin(self.stand.identity.kind, tuple(sorted(acting, key=_sensor_and_stage)))
         return {
             "format": TRUTH_FORMAT,
             "recording_id": self.description.recording_id,
@@ -306,8 +319,12 @@ def _check(order: RecordingOrder, product: Product) -> None:
             f"'{order.started_at}' is no date and time.", "started_at", "write it as 2026-01-01T00:00:00Z."
         ) from error
     for name, value in (("powered_before_s", order.powered_before_s), ("run", order.run)):
-        if not 0 <= value < float("inf"):
+        if not 0 <= value < math.inf:
             raise _refused(f"{name} cannot be {value:g}.", name, "give 0 or more.")
+
+
+def _sensor_and_stage(effect: CatalogueEffect) -> tuple[str, int]:
+    return effect.sensor, effect.stage
 
 
 def _refused(what: str, where: str, remedy: str) -> TestloomError:
