@@ -26,6 +26,7 @@ COMMANDS = {
     "unit": ("coordinator_commands", "unit"),
     "yield": ("coordinator_commands", "show_yield"),
     "recording": ("recording_commands", "app"),
+    "emulator": ("emulator_commands", "app"),
     "calibrate": ("calibrate_command", "calibrate"),
     "doctor": ("doctor_command", "doctor"),
     "router": ("router_command", "router"),

@@ -1,0 +1,143 @@
+"""What `testloom emulator` shows: products, a unit's effects, the catalogue."""
+
+import inspect
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from dut_emulator.effects.catalogue import CATALOGUE, KINDS, effect_named
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import name_of
+from dut_emulator.effects.parameters import conversion_to, declarations, range_for, unit_for
+from dut_emulator.motion.profile import ProfileKind
+from dut_emulator.motion.profile_catalogue import PROFILES
+from dut_emulator.products.product import Product
+from dut_emulator.twin import Twin
+from protocol.language import say
+
+_SHOWN_IN = {
+    "rad/s": "deg/s",
+    "m/s^2": "g",
+    "T": "uT",
+    "rad/sqrt(s)": "deg/sqrt(h)",
+    "m/s/sqrt(s)": "m/s/sqrt(h)",
+}
+"""SI in files, the floor's units for people."""
+_SMALLER = {"deg/s": "deg/h", "g": "mg", "1": "ppm", "rad": "arcsec"}
+_SMALL = 0.01
+"""A value below it is shown in the smaller unit."""
+
+
+def products_table(products: list[Product]) -> Table:
+    """Which profile of which product runs on which stand, and at what rate the unit samples."""
+    table = Table(title=say("Products, their profiles and stands"))
+    for heading in (say("Product"), say("Profile"), say("Stand")):
+        table.add_column(heading, no_wrap=True)
+    table.add_column(say("Rate"), justify="right", no_wrap=True)
+    table.add_column(say("What it is for"))
+    for product in products:
+        for number, (profile, mounting) in enumerate(product.profiles.items()):
+            table.add_row(
+                product.name if number == 0 else "",
+                profile,
+                mounting.stand,
+                f"{mounting.rate_hz:g} Hz",
+                PROFILES[profile].reveals,
+            )
+        table.add_section()
+    return table
+
+
+def profile_table(kind: ProfileKind) -> Table:
+    """A profile's parameters, for `--set`."""
+    table = Table(title=Text(kind.name), caption=Text(kind.reveals), caption_justify="left")
+    for heading in (say("Parameter"), say("Default"), say("Unit"), say("Range"), say("What it is")):
+        table.add_column(heading, no_wrap=heading != say("What it is"))
+    for one in kind.parameters:
+        table.add_row(one.name, f"{one.default:g}", one.unit, f"{one.low:g} … {one.high:g}", one.meaning)
+    return table
+
+
+def twin_table(twin: Twin, name: str) -> Table:
+    """A unit's effects: every parameter that is not at its default, in the floor's units."""
+    table = Table(title=Text(name))
+    for heading in (say("Effect"), say("Acts on"), say("Parameter")):
+        table.add_column(heading, no_wrap=True)
+    table.add_column(say("Value"))
+    for effect in twin.effects:
+        rows = _changed_fields(effect)
+        for number, (field, shown) in enumerate(rows or [("", "–")]):
+            first = number == 0
+            table.add_row(
+                name_of(effect) if first else "", effect.sensor if first else "", field, Text(shown)
+            )
+        table.add_section()
+    return table
+
+
+def catalogue_table() -> Table:
+    """All effects, each with what it does in a line."""
+    table = Table(title=say("Effects"))
+    for heading in (say("Effect"), say("Stage")):
+        table.add_column(heading, no_wrap=True)
+    table.add_column(say("What it is"))
+    for kind in KINDS:
+        names = dict.fromkeys(name_of(kind(sensor)) for sensor in kind.sensors)
+        first_line = inspect.cleandoc(kind.__doc__ or "").splitlines()[0]
+        table.add_row("\n".join(names), kind.stage.name.lower(), Text(first_line))
+    return table
+
+
+def effect_page(name: str) -> Group:
+    """One effect in full.
+
+    Raises:
+        TestloomError: there is none of this name.
+    """
+    sensors = CATALOGUE[name][1] if name in CATALOGUE else None
+    effect = effect_named(name, sensors[0] if sensors else None)
+    table = Table()
+    for heading in (say("Parameter"), say("Unit"), say("Range"), say("What it is")):
+        table.add_column(heading, no_wrap=heading != say("What it is"))
+    for field, declaration in declarations(effect).items():
+        low, high = range_for(declaration, effect.sensor)
+        named = f"{field}_1_x …" if declaration.powers else f"{field}{_axes(getattr(effect, field))}"
+        unit = unit_for(declaration.unit, effect.sensor)
+        table.add_row(named, unit, f"{low:g} … {high:g}", Text(declaration.meaning))
+    stage = effect.stage.name.lower()
+    about = say("Acts on {sensors}, stage {stage}.", sensors=", ".join(sensors or ()), stage=stage)
+    valid = [Text(effect.valid)] if effect.valid else []
+    words = Text(inspect.cleandoc(type(effect).__doc__ or ""))
+    return Group(Text(name, style="bold"), Text(about), words, *valid, table)
+
+
+def _axes(default: Any) -> str:
+    return ("", "_x _y _z", "_xx … _zz")[np.ndim(default)]
+
+
+def _changed_fields(effect: CatalogueEffect) -> list[tuple[str, str]]:
+    neutral = type(effect)(effect.sensor)
+    rows: list[tuple[str, str]] = []
+    for field, declaration in declarations(effect).items():
+        value = getattr(effect, field)
+        if value != getattr(neutral, field):
+            rows.append((field, _shown(value, unit_for(declaration.unit, effect.sensor))))
+    if getattr(effect, "axis", None) != getattr(neutral, "axis", None):
+        rows.append(("axis", str(getattr(effect, "axis", ""))))
+    return rows
+
+
+def _shown(value: Any, unit: str) -> str:
+    """Numbers and unit as the floor says them; a matrix row by row."""
+    values = np.asarray(value, dtype=np.float64)
+    shown_unit = " per ".join(_SHOWN_IN.get(part, part) for part in unit.split(" per "))
+    factor = conversion_to(unit, shown_unit)
+    smaller = _SMALLER.get(shown_unit)
+    if smaller is not None and np.abs(values).max(initial=0.0) * factor < _SMALL:
+        shown_unit, factor = smaller, conversion_to(unit, smaller)
+    rows = np.atleast_2d(values * factor)
+    lines = [", ".join(f"{number:.5g}" for number in row) for row in rows]
+    return "\n".join(lines) + ("" if shown_unit == "1" else f" {shown_unit}")
