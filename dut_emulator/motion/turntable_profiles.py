@@ -1,7 +1,11 @@
 # pyright: strict
-"""What the axes of a turntable are told."""
+"""What the axes of a turntable are told: the profiles by name, and what fits where a stand cannot do one."""
+
+import math
+from collections.abc import Mapping
 
 from dut_emulator.motion.profile import ProfileKind, ProfileParameter
+from dut_emulator.motion.schedule import Excess
 
 _BODY_AXIS = "body axis: 1 x, 2 y, 3 z, 0 one after the other"
 _REST = ProfileParameter("rest_s", 5.0, "s", 0.0, 3600.0, "rest before and after each motion")
@@ -90,3 +94,52 @@ KINDS: tuple[ProfileKind, ...] = (
         ),
     ),
 )
+
+
+def what_fits(profile: str, values: Mapping[str, float], excess: Excess) -> str:
+    """What to change so that the axis keeps the limit that was passed."""
+    share = excess.limit / excess.asked
+    match profile:
+        case "rotation":
+            return _fitting_turn(values, excess)
+        case "swing":
+            if excess.quantity == "rate":
+                return f"give peak_rate_deg_s of at most {excess.limit:g}."
+            amplitude, rate = values["amplitude_deg"], values["peak_rate_deg_s"]
+            return (
+                f"give peak_rate_deg_s of at most {math.sqrt(excess.limit * amplitude):.4g} "
+                f"at this amplitude, or amplitude_deg of at least {rate**2 / excess.limit:.4g} at this rate."
+            )
+        case "rate_staircase":
+            return f"give max_rate_deg_s of at most {excess.limit:g}."
+        case "spin":
+            return f"give max_rate_rev_s of at most {excess.limit / 360:.4g}."
+        case "sweep":
+            name = f"peak_{excess.quantity}_deg_s" + ("2" if excess.quantity == "acceleration" else "")
+            return f"give {name} of at most about {0.99 * share * values[name]:.3g}."
+        case "tumble":
+            name = "spin_deg_s" if values["spin_deg_s"] > values["rate_deg_s"] else "rate_deg_s"
+            return f"give {name} of at most {excess.limit:g}."
+        case _:
+            return "choose another stand."
+
+
+def _fitting_turn(values: Mapping[str, float], excess: Excess) -> str:
+    """For a turn: the ramps that keep the limit within the duration, or the least duration.
+
+    The peak rate is angle / (duration − ramp), the acceleration that over the ramp.
+    """
+    angle, duration_s = values["angle_deg"], values["duration_s"]
+    if excess.quantity == "rate":
+        longest_s = duration_s - angle / excess.limit
+        if longest_s > 0:
+            text = f"keep the ramps below {longest_s:.4g} s"
+        else:
+            text = f"give more than {angle / excess.limit:.4g} s"
+    else:
+        room = duration_s**2 - 4 * angle / excess.limit
+        if room >= 0:
+            text = f"keep the ramps above {(duration_s - math.sqrt(room)) / 2:.4g} s"
+        else:
+            text = f"give at least {2 * math.sqrt(angle / excess.limit):.4g} s"
+    return f"{text}: the peak rate is angle / (duration − ramp), the acceleration that over the ramp."
