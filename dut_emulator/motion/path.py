@@ -214,7 +214,7 @@ class Path:
 
     @cached_property
     def _pieces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Knots (k + 1,), positions at the pieces' starts (k, 3), Chebyshev coefficients (k, degree + 2, 3)."""
+        """Knots (k + 1,), positions at k pieces' starts (k, 3), Chebyshev coefficients (k, degree + 2, 3)."""
         ends = {0.0, self.end_s() + _LONGEST_PIECE_S}
         for step in (*self.speed.steps, *self.climb.steps, *self.turn.steps):
             ends |= {step.begin_s, step.begin_s + step.duration_s}

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from dut_emulator.effects.stand import RemountMisalignment
 from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.course import PHASES
 from dut_emulator.motion.profile_catalogue import profile_named
@@ -75,7 +76,7 @@ def test_phases_are_events_and_two_seeds_are_two_vehicles() -> None:
     one, other = (recording_stand("vehicle_run_stand", seed, SITE) for seed in (1, 2))
     assert one.effects != other.effects
     assert one.effects == recording_stand("vehicle_run_stand", 1, SITE).effects
-    rotations = {effect.rotation_rad for effect in one.effects if effect.word == "remount_misalignment"}
+    rotations = {effect.rotation_rad for effect in one.effects if isinstance(effect, RemountMisalignment)}
     assert len(rotations) == 1  # one plate carries all triads
     assert {effect.sensor for effect in one.effects} == {"gyro", "acc", "mag"}
 
