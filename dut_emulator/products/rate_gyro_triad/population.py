@@ -67,13 +67,13 @@ def _misalignment(draw: LotDraw) -> CatalogueEffect:
 def _scale(draw: LotDraw) -> tuple[CatalogueEffect, ...]:
     """What belongs to the scale factor, and how it depends on the rate."""
     per_c = draw.triple("scale_temperature", 0.0, Spread(unit=2e-5, wafer=1e-5, lot=2e-5))
-    hysteresis = draw.triple_around("hysteresis", 0.012 * DEG_S, Spread(unit=0.3, lot=0.15))
+    hysteresis = draw.triple_around("hysteresis", 0.022 * DEG_S, Spread(unit=0.3, lot=0.15))
     return (
         ScaleFactorError("gyro", draw.triple("scale", 0.0, Spread(unit=2e-3, wafer=1e-3, lot=1e-3))),
         ScaleFactorTemperature("gyro", (per_c,)),
-        ScaleFactorAsymmetry("gyro", draw.triple("asymmetry", 0.0, Spread(unit=1e-4, lot=5e-5))),
+        ScaleFactorAsymmetry("gyro", draw.triple("asymmetry", 0.0, Spread(unit=2e-4, lot=1e-4))),
         ScaleFactorNonlinearity("gyro", draw.triple("cubic", 0.0, Spread(unit=1.5e-5, lot=1e-5))),
-        EvenNonlinearity("gyro", draw.triple("square", 0.0, Spread(unit=1.5e-4, lot=5e-5))),
+        EvenNonlinearity("gyro", draw.triple("square", 0.0, Spread(unit=5e-4, lot=2e-4))),
         RateHysteresis("gyro", hysteresis, HYSTERESIS_WIDTH_RAD_S),
     )
 
@@ -96,7 +96,7 @@ def _bias(draw: LotDraw) -> tuple[CatalogueEffect, ...]:
 
 def _noise(draw: LotDraw) -> tuple[CatalogueEffect, ...]:
     white = draw.triple_around("noise", 0.004 * DEG_PER_SQRT_S, Spread(unit=0.2, lot=0.1))
-    slow = draw.triple_around("slow_noise", 0.004 * DEG_S, Spread(unit=0.3, lot=0.1))
+    slow = draw.triple_around("slow_noise", 0.007 * DEG_S, Spread(unit=0.3, lot=0.1))
     return (WhiteNoise("gyro", white), BiasInstability("gyro", slow, CORRELATION_TIME_S))
 
 

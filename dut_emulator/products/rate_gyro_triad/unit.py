@@ -58,6 +58,7 @@ class RateGyroUnit(StandUnit):
         self._gyros: AnalogueGyros | None = None
         self._power_on_s = 0.0
         self._taken = 0
+        self._latest_v = np.zeros(3)
         self._integral_vs = np.zeros((1, 3))
         """∫V dt since power-on at the last `len` instants, the latest of which is that of sample `_taken`."""
 
@@ -68,8 +69,11 @@ class RateGyroUnit(StandUnit):
         super().set_supply(voltage_v, now_s)
 
     def point_voltage_v(self, point: str, now_s: float) -> float:
-        """The output's latest value, V; other points and an unpowered unit have 0 V."""
-        return self.mean_voltage_v(point, now_s - PERIOD_S, now_s)
+        """The output now, V; other points and an unpowered unit have 0 V."""
+        self._advance_to(now_s)
+        self._sample_to(now_s)
+        known = point in OUTPUTS and self._gyros is not None
+        return float(self._latest_v[OUTPUTS.index(point)]) if known else 0.0
 
     def mean_voltage_v(self, point: str, begin_s: float, end_s: float) -> float:
         """True mean of an output over an aperture that has just ended, V. Before power-on it was 0 V.
@@ -97,7 +101,7 @@ class RateGyroUnit(StandUnit):
         seed = self._draw.seed_for(_NOISE, self._power_cycles, round(now_s * 1e6))
         self._gyros = AnalogueGyros(self._twin, surroundings.effects, seed, now_s)
         self._power_on_s, self._taken = now_s, 0
-        self._integral_vs = np.zeros((1, 3))
+        self._latest_v, self._integral_vs = np.zeros(3), np.zeros((1, 3))
 
     def _power_off(self, now_s: float) -> None:
         del now_s
@@ -125,11 +129,13 @@ class RateGyroUnit(StandUnit):
             times_s: FloatArray = self._instant_s(np.arange(self._taken + 1, to + 1, dtype=np.float64))
             acting = self._surroundings.stimulus(times_s)
             volts, _ = self._gyros.sample(times_s, PERIOD_S, acting, self._supply_v)
-            # one sum from power-on: the same however it is cut
-            further = np.cumsum(np.concatenate([self._integral_vs[-1:], volts * PERIOD_S]), axis=0)
+            before = np.concatenate([self._latest_v[np.newaxis] if self._taken else volts[:1], volts[:-1]])
+            # linear between instants; one sum from power-on, which is the same however it is cut
+            steps = (before + volts) * (PERIOD_S / 2)
+            further = np.cumsum(np.concatenate([self._integral_vs[-1:], steps]), axis=0)
             kept = self._integral_vs[-round(HISTORY_S / PERIOD_S) - 1 :]
             self._integral_vs = np.concatenate([kept, further[1:]])
-            self._taken = to
+            self._latest_v, self._taken = volts[-1], to
 
     def _integral_at(self, time_s: float, column: int) -> float:
         """∫V dt from power-on; past the latest instant the output stays what it was there."""
