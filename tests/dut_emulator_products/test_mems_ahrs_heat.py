@@ -1,0 +1,125 @@
+"""The thermal design of the MEMS attitude unit: paper 2's figures, by an integrator of the test's own."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dut_emulator.products.mems_ahrs import cooling
+from dut_emulator.products.mems_ahrs.cooling import AS_MEASURED, AS_SIMULATED, Cooling
+from dut_emulator.products.mems_ahrs.thermal_network import AMBIENT, ThermalNetwork, ThermalState
+from protocol.errors import TestloomError
+
+AMBIENT_C = 70.0
+FIGURES = [  # paper 2, 2.1.1 (simulated) and 2.1.2 (measured): rise of the hottest point, K
+    (AS_SIMULATED, Cooling.AIR, 16.0),
+    (AS_SIMULATED, Cooling.PASTE, 8.0),
+    (AS_SIMULATED, Cooling.POTTED, 4.0),
+    (AS_MEASURED, Cooling.AIR, 20.0),
+    (AS_MEASURED, Cooling.PASTE, 8.0),
+]
+
+
+def integrated(network: ThermalNetwork, power_w: np.ndarray, until_s: float, step_s: float) -> np.ndarray:
+    """Rises above a constant ambient by classical Runge-Kutta: (n + 1, m)."""
+    nodes = network.nodes
+    capacity = np.array([network.capacity_j_k[node] for node in nodes])
+    flow = np.zeros((len(nodes), len(nodes)))  # W into a node (row) for each K of rise of a node (column)
+    for (one, other), conductance in network.conductance_w_k.items():
+        i = nodes.index(one)
+        flow[i, i] -= conductance
+        if other != AMBIENT:
+            j = nodes.index(other)
+            flow[i, j] += conductance
+            flow[j, j] -= conductance
+            flow[j, i] += conductance
+
+    def slope(rise: np.ndarray) -> np.ndarray:
+        return (flow @ rise + power_w) / capacity
+
+    rises = [np.zeros(len(nodes))]
+    for _ in range(round(until_s / step_s)):
+        now = rises[-1]
+        k1 = slope(now)
+        k2 = slope(now + step_s / 2 * k1)
+        k3 = slope(now + step_s / 2 * k2)
+        k4 = slope(now + step_s * k3)
+        rises.append(now + step_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    return np.array(rises)
+
+
+@cache
+def heated(parameters: cooling.HousingSet, scheme: Cooling, until_s: float) -> np.ndarray:
+    """Rises of processor and power chips' hotter one, once a second."""
+    step_s = 0.5
+    power = np.array([0.26, 0.4859, 0.0, 0.0591, 0.0568, 0.0, 0.0])  # W: 0.862 W, as the parts' table says
+    rises = integrated(cooling.housing(scheme, parameters), power, until_s, step_s)[::2]
+    return rises[:, :2].max(axis=1)
+
+
+@pytest.mark.parametrize(("parameters", "scheme", "rise_k"), FIGURES)
+def test_the_hottest_point_rises_as_in_the_paper(
+    parameters: cooling.HousingSet, scheme: Cooling, rise_k: float
+) -> None:
+    rises = heated(parameters, scheme, 2500.0)
+    assert rises[-1] == pytest.approx(rise_k, rel=0.1)
+    figures = cooling.thermal_figures(scheme, parameters, AMBIENT_C, 2500.0)
+    np.testing.assert_allclose(figures.infrared_c[:, 0] - AMBIENT_C, rises, atol=0.01)
+    assert figures.infrared_c.argmax(axis=1)[1:].max() == 0, "test point 1 is the hottest"
+
+
+@pytest.mark.parametrize(("scheme", "settled_s"), [(Cooling.AIR, 800.0), (Cooling.PASTE, 300.0)])
+def test_the_measured_unit_settles_when_the_paper_says(scheme: Cooling, settled_s: float) -> None:
+    rises = heated(AS_MEASURED, scheme, 2500.0)
+    ninety_five_percent_s = float(np.argmax(rises > 0.95 * rises[-1]))
+    assert ninety_five_percent_s == pytest.approx(settled_s, rel=0.1)
+    if scheme is Cooling.AIR:
+        assert rises[800] + AMBIENT_C == pytest.approx(90.0, abs=0.5)
+        assert rises[800] > 20.0
+    else:
+        assert rises.max() <= 8.0
+
+
+def test_what_the_paper_says_of_the_components() -> None:
+    air = cooling.thermal_figures(Cooling.AIR, AS_SIMULATED).exceedances
+    assert {found.node for found in air} >= {"power_chips", "gyro_area"}
+    assert all(found.highest_c > found.rated_c for found in air)
+    assert cooling.thermal_figures(Cooling.PASTE, AS_SIMULATED).exceedances == ()
+    assert cooling.thermal_figures(Cooling.PASTE, AS_MEASURED).exceedances == ()
+    with pytest.raises(TestloomError, match="Scheme 3"):
+        cooling.thermal_figures(Cooling.POTTED, AS_MEASURED)
+
+
+def test_masses_and_heat_add_up() -> None:
+    network = cooling.housing(Cooling.PASTE, AS_MEASURED)
+    metal_and_boards = sum(network.capacity_j_k[node] for node in cooling.NODES if node != "filling")
+    assert 0.095 * 700 < metal_and_boards < 0.095 * 1100, "95 g of aluminium, FR4 and silicon"
+    for volts in (4.6, 5.0, 5.5):
+        for rate_hz in (0.0, 50.0, 200.0):
+            drawn_w = volts * cooling.supply_current_a(rate_hz)
+            assert cooling.heat_w(volts, rate_hz).sum() == pytest.approx(drawn_w, rel=1e-12)
+    rise = network.steady_c(cooling.heat_w(5.0, 200.0), 20.0)[cooling.CASE] - 20.0
+    assert rise == pytest.approx(5.0 * cooling.supply_current_a(200.0) / 3.57), "all heat leaves by the case"
+
+
+def test_a_ramp_of_ambient_is_followed_exactly() -> None:
+    """One node of 50 J/K behind 0.5 W/K: τ = 100 s; T = r t − r τ (1 − e^(−t/τ)) + P/G (1 − e^(−t/τ))."""
+    network = ThermalNetwork({"body": 50.0}, {("body", AMBIENT): 0.5})
+    times = np.arange(1, 601) * 0.7
+    state = ThermalState(network, 20.0)
+    found = state.advance(20.0 + 0.05 * times, 0.7, np.array([2.0]))[:, 0]
+    rest = 1.0 - np.exp(-times / 100.0)
+    np.testing.assert_allclose(found, 20.0 + 0.05 * (times - 100.0 * rest) + 4.0 * rest, rtol=1e-13)
+
+
+@given(st.lists(st.integers(1, 1499), unique=True, max_size=4).map(sorted))
+def test_cutting_changes_nothing(cuts: list[int]) -> None:
+    network = cooling.housing(Cooling.PASTE, AS_MEASURED)
+    ambient = 25.0 + 20.0 * np.sin(np.arange(1500) / 200.0)
+    power = cooling.heat_w(5.0, 100.0)
+    whole = ThermalState(network, 25.0).advance(ambient, 0.01, power)
+    state = ThermalState(network, 25.0)
+    pieces = [state.advance(part, 0.01, power) for part in np.split(ambient, cuts)]
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
