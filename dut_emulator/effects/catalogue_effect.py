@@ -89,9 +89,9 @@ class LinearEffect(CatalogueEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral:
             return samples
-        out = samples.copy()
+        out = samples.copy(order="K")
         for name, regressor in self.regressors(samples, stimulus, state).items():
-            out += contribution(np.asarray(getattr(self, name), dtype=np.float64), regressor)
+            add_contribution(out, np.asarray(getattr(self, name), dtype=np.float64), regressor)
         return out
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
@@ -103,25 +103,27 @@ class LinearEffect(CatalogueEffect):
             one = np.zeros_like(np.asarray(getattr(self, scalar.field), dtype=np.float64))
             one[scalar.index] = 1.0
             column = np.zeros_like(samples)
-            column += contribution(one, patterns[scalar.field])
+            add_contribution(column, one, patterns[scalar.field])
             columns[scalar.name] = column
         return columns
 
 
-def contribution(amplitude: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Amplitude times regressor, (n, 3) or (n, 1), by the rules of `LinearEffect.regressors`."""
+def add_contribution(out: FloatArray, amplitude: FloatArray, regressor: FloatArray) -> None:
+    """Add amplitude times regressor to `out` (n, 3), by the rules of `LinearEffect.regressors`."""
+    for axis in range(3):
+        out[:, axis] += _on_axis(axis, amplitude, regressor)
+
+
+def _on_axis(axis: int, amplitude: FloatArray, regressor: FloatArray) -> FloatArray:
+    """(n,) term by term, so that chunks of any length round alike."""
+    column = min(axis, regressor.shape[-1] - 1)
+    if regressor.ndim == 2 and amplitude.ndim < 2:
+        return regressor[:, column] * (amplitude[axis] if amplitude.ndim else amplitude)
     if regressor.ndim == 3:  # components or powers, each with a pattern of its own
-        total = amplitude[0] * regressor[0]
-        for row in range(1, len(regressor)):
-            total += amplitude[row] * regressor[row]
-        return total
-    if amplitude.ndim == 2:  # term by term, so that chunks of any length round alike
-        total = np.empty((len(regressor), 3))
-        inputs = [np.ascontiguousarray(regressor[:, column]) for column in range(3)]
-        for axis in range(3):
-            row = inputs[0] * amplitude[axis, 0]
-            row += inputs[1] * amplitude[axis, 1]
-            row += inputs[2] * amplitude[axis, 2]
-            total[:, axis] = row
-        return total
-    return regressor * amplitude
+        terms, shares = regressor[:, :, column], amplitude if amplitude.ndim == 1 else amplitude[:, axis]
+    else:
+        terms, shares = regressor.T, amplitude[axis]
+    row = terms[0] * shares[0]
+    for term, share in zip(terms[1:], shares[1:], strict=True):
+        row += term * share
+    return row

@@ -10,7 +10,7 @@ import numpy as np
 from dut_emulator.effects.catalogue_effect import LinearEffect
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.parameters import AXES, ZERO, ZERO_MATRIX, Matrix, Triple, parameter
-from dut_emulator.effects.recursions import first_order_lag, rate_of_change
+from dut_emulator.effects.recursions import cross, first_order_lag, rate_of_change
 
 
 @dataclass(frozen=True)
@@ -127,10 +127,20 @@ def lever_arm_patterns(stimulus: Stimulus, state: EffectState) -> FloatArray:
     """
     rate = stimulus.channel("rate_rad_s")
     angular_acceleration = rate_of_change(rate, stimulus, state, "rate")
-    patterns = [
-        np.cross(angular_acceleration, arm) + np.cross(rate, np.cross(rate, arm)) for arm in np.eye(3)
-    ]
+    patterns = [cross(angular_acceleration, arm) + cross(rate, cross(rate, arm)) for arm in np.eye(3)]
     return np.stack(patterns)
+
+
+def lever_arm_force(stimulus: Stimulus, state: EffectState, places_m: FloatArray) -> FloatArray:
+    """(n, 3): what sensor i at `places_m[i]` feels along its own axis, ω̇ × r + (ω · r) ω − ω² r."""
+    rate = stimulus.channel("rate_rad_s")
+    (px, py, pz), (x, y, z) = rate_of_change(rate, stimulus, state, "rate").T, np.ascontiguousarray(rate.T)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = places_m
+    result = np.empty(rate.shape, order="F")
+    result[:, 0] = (py + x * z) * xz - (pz - x * y) * xy - (y * y + z * z) * xx
+    result[:, 1] = (pz + x * y) * yx - (px - y * z) * yz - (x * x + z * z) * yy
+    result[:, 2] = (px + y * z) * zy - (py - x * z) * zx - (x * x + y * y) * zz
+    return result
 
 
 @dataclass(frozen=True)
@@ -157,6 +167,15 @@ class SizeEffect(LinearEffect):
         """For each sensor the lever arm's patterns, on its own axis alone."""
         patterns = lever_arm_patterns(stimulus, state)
         return {f"place_{name}_m": patterns * np.eye(3)[axis] for axis, name in enumerate(AXES)}
+
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """(n, 3) → (n, 3)."""
+        if self.is_neutral:
+            return samples
+        places_m = np.array([self.place_x_m, self.place_y_m, self.place_z_m])
+        return samples + lever_arm_force(stimulus, state, places_m)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ which is in the stimulus).
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
@@ -95,6 +96,12 @@ class Stimulus:
     position_m: FloatArray | None = None
     dcm_local_from_body: FloatArray | None = None
     power_on_s: float = 0.0
+
+    @cached_property
+    def gimbal_waves(self) -> tuple[FloatArray, FloatArray]:
+        """Sine and cosine of the gimbal angles, (3, n) each: several effects of a stand share them."""
+        angles = np.ascontiguousarray(self.channel("angles_rad").T)
+        return np.sin(angles), np.cos(angles)
 
     def channel(self, name: str) -> FloatArray:
         """One of the attributes.
@@ -217,7 +224,11 @@ class EffectChain:
         return ChainState({name: EffectState() for name in self.names}, generators)
 
     def apply(self, samples: FloatArray, stimulus: Stimulus, memory: ChainState) -> FloatArray:
-        """All effects, one after the other: (n, 3) → (n, 3). The input is not changed."""
+        """All effects, one after the other: (n, 3) → (n, 3). The input is not changed.
+
+        Effects work axis by axis, so that the samples of an axis lie side by side: twice as fast.
+        """
+        samples = np.asfortranarray(samples)
         for name, effect in zip(self.names, self.effects, strict=True):
             samples = effect.apply(samples, stimulus, memory.generators[name], memory.states[name])
         return samples

@@ -110,7 +110,7 @@ class RateRandomWalk(StochasticEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral or len(samples) == 0:
             return samples
-        steps = rng.standard_normal(samples.shape)
+        steps = np.asfortranarray(rng.standard_normal(samples.shape))
         if state.last is None:
             steps[0] = 0.0
         else:

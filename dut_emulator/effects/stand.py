@@ -13,12 +13,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dut_emulator.effects.catalogue_effect import LinearEffect
-from dut_emulator.effects.couplings import lever_arm_patterns
+from dut_emulator.effects.catalogue_effect import LinearEffect, add_contribution
+from dut_emulator.effects.couplings import lever_arm_force, lever_arm_patterns
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.parameters import ZERO, Triple, parameter
-from dut_emulator.effects.recursions import rate_of_change
-from dut_emulator.motion.gimbal_geometry import dcm_body_from_lab
+from dut_emulator.effects.recursions import cross, rate_of_change
 
 AxisName = Literal["outer", "middle", "inner"]
 AXIS_NAMES: tuple[AxisName, ...] = ("outer", "middle", "inner")
@@ -34,14 +33,18 @@ def axis_angle(stimulus: Stimulus, axis: AxisName) -> FloatArray:
 
 def axis_direction(stimulus: Stimulus, axis: AxisName) -> FloatArray:
     """(n, 3) unit vector of one gimbal's axis, in body axes."""
-    _, middle, inner = stimulus.channel("angles_rad").T
-    zero = np.zeros_like(inner)
+    (_, sine_m, sine_i), (_, cosine_m, cosine_i) = stimulus.gimbal_waves
+    zero = np.zeros_like(sine_i)
     if axis == "inner":
-        return np.stack([zero + 1.0, zero, zero], axis=1)
+        return _side_by_side(zero + 1.0, zero, zero)
     if axis == "middle":
-        return np.stack([zero, np.cos(inner), -np.sin(inner)], axis=1)
-    cosine = np.cos(middle)
-    return np.stack([-np.sin(middle), np.sin(inner) * cosine, np.cos(inner) * cosine], axis=1)
+        return _side_by_side(zero, cosine_i, -sine_i)
+    return _side_by_side(-sine_m, sine_i * cosine_m, cosine_i * cosine_m)
+
+
+def _side_by_side(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    """Three columns (n,) as (n, 3), each in one piece."""
+    return np.stack([x, y, z]).T
 
 
 def turned(
@@ -53,14 +56,51 @@ def turned(
     key: str,
 ) -> FloatArray:
     """(n, 3) what a small rotation φ (n, 3) of the body adds: −φ × u, and φ̇ to a rate."""
-    change = np.cross(samples, rotation)
+    change = cross(samples, rotation)
     if sensor == "gyro":
-        change = change + rate_of_change(rotation, stimulus, state, key)
+        change += rate_of_change(rotation, stimulus, state, key)
     return change
 
 
 @dataclass(frozen=True)
-class Wobble(LinearEffect):
+class SmallRotation(LinearEffect):
+    """The base of what turns the body by a small φ that is linear in its parameters: y = u − φ × u (+ φ̇)."""
+
+    def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """Parameter → its φ per unit, as `LinearEffect.regressors`: (n, 1), (n, 3) or (3, n, 3)."""
+        raise NotImplementedError
+
+    def regressors(
+        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
+    ) -> dict[str, FloatArray]:
+        """See `LinearEffect.regressors`."""
+        patterns: dict[str, FloatArray] = {}
+        for name, rotation in self.rotations(stimulus).items():
+            if rotation.ndim == 2 and rotation.shape[1] == 3:
+                patterns[name] = turned(self.sensor, samples, rotation, stimulus, state, name)
+            else:
+                components = rotation if rotation.ndim == 3 else [rotation * unit for unit in np.eye(3)]
+                columns = [
+                    turned(self.sensor, samples, component, stimulus, state, f"{name} {index}")
+                    for index, component in enumerate(components)
+                ]
+                patterns[name] = np.stack(columns)
+        return patterns
+
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """(n, 3) → (n, 3): one turn by the whole φ."""
+        if self.is_neutral:
+            return samples
+        rotation = np.zeros(samples.shape, order="F")
+        for name, pattern in self.rotations(stimulus).items():
+            add_contribution(rotation, np.asarray(getattr(self, name), dtype=np.float64), pattern)
+        return samples + turned(self.sensor, samples, rotation, stimulus, state, "rotation")
+
+
+@dataclass(frozen=True)
+class Wobble(SmallRotation):
     """An axis nods as it turns: φ = c cos nθ + s sin nθ, a rotation in body axes; 1 to 30″ (n = 1 or 2).
 
     Gyros see φ̇ − φ × ω, accelerometers −φ × f.
@@ -76,21 +116,10 @@ class Wobble(LinearEffect):
     valid: ClassVar[str] = "Small angles; one harmonic of one axis."
     sensors: ClassVar[tuple[SensorName, ...]] = TRIADS
 
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
+    def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """See `SmallRotation.rotations`."""
         phase = self.harmonic * axis_angle(stimulus, self.axis)
-        waves = {"cosine_rad": np.cos(phase), "sine_rad": np.sin(phase)}
-        return {
-            name: np.stack(
-                [
-                    turned(self.sensor, samples, wave * unit, stimulus, state, f"{name} {index}")
-                    for index, unit in enumerate(np.eye(3))
-                ]
-            )
-            for name, wave in waves.items()
-        }
+        return {"cosine_rad": np.cos(phase), "sine_rad": np.sin(phase)}
 
 
 @dataclass(frozen=True)
@@ -120,7 +149,7 @@ class RateRipple(LinearEffect):
 
 
 @dataclass(frozen=True)
-class EncoderEccentricity(LinearEffect):
+class EncoderEccentricity(SmallRotation):
     """The graduation is not centred: the encoder reads θ + c cos θ + s sin θ; 1 to 20″.
 
     The true angle is smaller by that, so the body is turned by −(c cos θ + s sin θ) about the axis, and gyros
@@ -136,16 +165,11 @@ class EncoderEccentricity(LinearEffect):
     valid: ClassVar[str] = "Small errors; one reading head."
     sensors: ClassVar[tuple[SensorName, ...]] = TRIADS
 
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        angle, direction = axis_angle(stimulus, self.axis), axis_direction(stimulus, self.axis)
-        waves = {"cosine_rad": np.cos(angle), "sine_rad": np.sin(angle)}
-        return {
-            name: turned(self.sensor, samples, -wave * direction, stimulus, state, name)
-            for name, wave in waves.items()
-        }
+    def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """See `SmallRotation.rotations`."""
+        direction, index = axis_direction(stimulus, self.axis), AXIS_NAMES.index(self.axis)
+        sine, cosine = (waves[index][:, np.newaxis] for waves in stimulus.gimbal_waves)
+        return {"cosine_rad": -cosine * direction, "sine_rad": -sine * direction}
 
 
 @dataclass(frozen=True)
@@ -166,7 +190,13 @@ class RemountMisalignment(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"rotation_rad": np.stack([np.cross(samples, unit) for unit in np.eye(3)])}
+        return {"rotation_rad": np.stack([cross(samples, unit) for unit in np.eye(3)])}
+
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """(n, 3) → (n, 3)."""
+        return samples if self.is_neutral else samples + cross(samples, np.asarray(self.rotation_rad))
 
 
 @dataclass(frozen=True)
@@ -209,6 +239,15 @@ class LeverArm(LinearEffect):
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
         return {"arm_m": lever_arm_patterns(stimulus, state)}
+
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """(n, 3) → (n, 3)."""
+        if self.is_neutral:
+            return samples
+        force = lever_arm_force(stimulus, state, np.tile(self.arm_m, (3, 1)))
+        return samples + force
 
 
 @dataclass(frozen=True)
@@ -256,7 +295,7 @@ class ChamberGradient(LinearEffect):
 
 
 @dataclass(frozen=True)
-class LevelDrift(LinearEffect):
+class LevelDrift(SmallRotation):
     """The stand's base tilts slowly: φ = ψ (t − t_on) about laboratory axes; y = u − φ × u.
 
     A gyro sees φ̇ too. From the floor's warming, some µrad per minute.
@@ -269,24 +308,19 @@ class LevelDrift(LinearEffect):
     valid: ClassVar[str] = "Small angles; a steady tilt from power-on."
     sensors: ClassVar[tuple[SensorName, ...]] = INERTIAL
 
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        since = (stimulus.time_s - stimulus.power_on_s)[:, np.newaxis]
-        laboratory = np.moveaxis(dcm_body_from_lab(stimulus.channel("angles_rad")), 2, 0)
-        return {
-            "tilt_rate_rad_s": np.stack(
-                [
-                    turned(self.sensor, samples, since * laboratory[axis], stimulus, state, f"tilt {axis}")
-                    for axis in range(3)
-                ]
-            )
-        }
+    def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """See `SmallRotation.rotations`."""
+        since = stimulus.time_s - stimulus.power_on_s
+        (so, sm, si), (co, cm, ci) = stimulus.gimbal_waves
+        # the columns of C_body_from_lab, see `gimbal_geometry`
+        x = _side_by_side(co * cm, co * sm * si - so * ci, co * sm * ci + so * si)
+        y = _side_by_side(so * cm, so * sm * si + co * ci, so * sm * ci - co * si)
+        z = _side_by_side(-sm, cm * si, cm * ci)
+        return {"tilt_rate_rad_s": np.stack([x.T * since, y.T * since, z.T * since]).swapaxes(1, 2)}
 
 
 @dataclass(frozen=True)
-class NonOrthogonality(LinearEffect):
+class NonOrthogonality(SmallRotation):
     """Neighbouring axes of the stand are not square: φ = ε_om n_om + ε_mi n_mi, n normal to the two axes.
 
     n_om = middle × outer is carried by the outer gimbal, n_mi = inner × middle by the middle one; ε > 0 turns
@@ -301,18 +335,12 @@ class NonOrthogonality(LinearEffect):
     valid: ClassVar[str] = "Small angles."
     sensors: ClassVar[tuple[SensorName, ...]] = TRIADS
 
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        _, middle, inner = stimulus.channel("angles_rad").T
-        across = np.stack(
-            [np.cos(middle), np.sin(inner) * np.sin(middle), np.cos(inner) * np.sin(middle)], axis=1
-        )
-        normal = np.stack([np.zeros_like(inner), np.sin(inner), np.cos(inner)], axis=1)
+    def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
+        """See `SmallRotation.rotations`."""
+        (_, lean, sine), (_, upright, cosine) = stimulus.gimbal_waves
         return {
-            "outer_middle_rad": turned(self.sensor, samples, across, stimulus, state, "outer"),
-            "middle_inner_rad": turned(self.sensor, samples, normal, stimulus, state, "middle"),
+            "outer_middle_rad": _side_by_side(upright, sine * lean, cosine * lean),
+            "middle_inner_rad": _side_by_side(np.zeros_like(sine), sine, cosine),
         }
 
 

@@ -81,8 +81,8 @@ class WhiteNoise(StochasticEffect):
         if self.is_neutral:
             return samples
         deviation = np.asarray(self.density_si_per_sqrt_hz) / np.sqrt(stimulus.sample_period_s)
-        noise = rng.standard_normal(samples.shape)
-        noise *= deviation
+        noise = np.empty_like(samples)
+        np.multiply(rng.standard_normal(samples.shape), deviation, out=noise)
         noise += samples
         return noise
 
@@ -133,7 +133,7 @@ class BiasInstability(StochasticEffect):
         if self.is_neutral or len(samples) == 0:
             return samples
         phi = float(np.exp(-stimulus.sample_period_s / self.correlation_time_s))
-        drive = rng.standard_normal(samples.shape)
+        drive = np.asfortranarray(rng.standard_normal(samples.shape))
         if state.last is None:
             drive[1:] *= np.sqrt(1.0 - phi * phi)
             memory = np.zeros(3)
@@ -145,7 +145,9 @@ class BiasInstability(StochasticEffect):
         process = first_order(drive, phi, memory)
         state.last = process[-1].copy()
         state.last_time_s = float(stimulus.time_s[-1])
-        return samples + process * np.asarray(self.standard_deviation_si)
+        process *= np.asarray(self.standard_deviation_si)
+        process += samples
+        return process
 
     def _phi_over_gap(self, stimulus: Stimulus, state: EffectState, phi: float) -> float:
         """Correlation of the chunk's first sample with the last one before it."""
