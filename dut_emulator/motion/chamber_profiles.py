@@ -1,9 +1,20 @@
 # pyright: strict
-"""What a chamber is told: temperature ramps and soaks."""
+"""What a chamber, and the axis inside it, are told: temperature ramps, soaks, positions.
 
+The stand's axis is horizontal. With body x along it, it reaches y and z up and down; the unit is mounted
+again, with body y or z along it, for the others: each mount is a recording of its own.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dut_emulator.motion.chamber import ROOM_C, AirPath
 from dut_emulator.motion.profile import ProfileKind, ProfileParameter
+from dut_emulator.motion.schedule import Drives, Schedule, ScheduleBuilder
+from protocol.errors import Fault, TestloomError
 
-ROOM_C = 23.0
+QUARTER_TURNS_DEG = (0.0, 90.0, 180.0, 270.0)
 
 _COLD = ProfileParameter("cold_c", -40.0, "degC", -60.0, ROOM_C, "coldest soak")
 _HOT = ProfileParameter("hot_c", 70.0, "degC", ROOM_C, 100.0, "hottest soak")
@@ -30,3 +41,43 @@ KINDS: tuple[ProfileKind, ...] = (
         ),
     ),
 )
+
+
+def chamber_schedule(
+    profile: str, values: Mapping[str, float], drives: Drives, axis: int
+) -> tuple[Schedule, AirPath]:
+    """What the axis of this index and the air do in one of `KINDS`; limits are not looked at.
+
+    Raises:
+        TestloomError: a number that should be whole is not.
+    """
+    ramp, soak_s = values["ramp_c_per_min"], values["soak_s"]
+    builder = ScheduleBuilder(drives)
+    if profile == "temperature_ramp":
+        targets = (values["cold_c"], values["hot_c"], ROOM_C)
+        air = AirPath.through(ROOM_C, [(target, ramp, soak_s) for target in targets])
+        builder.rest(air.times_s[-1])
+        return builder.schedule(), air
+    levels = np.linspace(values["cold_c"], values["hot_c"], _whole(profile, values, "levels")).tolist()
+    legs: list[tuple[float, float, float]] = []
+    present_c = ROOM_C
+    for target in levels:
+        builder.rest(abs(target - present_c) * 60.0 / ramp + soak_s)
+        began_s = builder.now_s
+        for turn in QUARTER_TURNS_DEG:
+            builder.move({axis: drives.home_deg[axis] + turn})
+            builder.rest(values["dwell_s"])
+        legs.append((target, ramp, soak_s + builder.now_s - began_s))
+        present_c = target
+    return builder.schedule(), AirPath.through(ROOM_C, legs)
+
+
+def _whole(profile: str, values: Mapping[str, float], name: str) -> int:
+    if values[name] != round(values[name]):
+        raise TestloomError(
+            f"{name} cannot be {values[name]:g}.",
+            where=f"profile {profile}",
+            fault=Fault.OPERATOR,
+            remedy="give a whole number.",
+        )
+    return round(values[name])

@@ -35,27 +35,52 @@ def dcm_body_from_lab(angles_rad: FloatArray) -> FloatArray:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
+class Attitude:
+    """Poses (n, 3) whose sines are worked out once, for several vectors."""
+
+    def __init__(self, angles_rad: FloatArray) -> None:
+        self._like = angles_rad
+        self._sines = _sines(*angles_rad.T)
+
+    def into_body(self, vector_lab: FloatArray) -> FloatArray:
+        """One laboratory vector (3,) in body axes at each pose: (n, 3). Cheaper than the matrices."""
+        so, co, sm, cm, si, ci = self._sines
+        x, y, z = vector_lab
+        x1, y1 = co * x + so * y, co * y - so * x
+        z2 = sm * x1 + cm * z
+        body = np.empty_like(self._like)
+        body[:, 0], body[:, 1], body[:, 2] = cm * x1 - sm * z, ci * y1 + si * z2, ci * z2 - si * y1
+        return body
+
+    def up(self, length: float) -> FloatArray:
+        """A laboratory vector of this length along z in body axes: (n, 3)."""
+        _, _, sm, cm, si, ci = self._sines
+        along = length * cm
+        body = np.empty_like(self._like)
+        body[:, 0], body[:, 1], body[:, 2] = -length * sm, si * along, ci * along
+        return body
+
+    def body_rate(self, gimbal_rates: FloatArray) -> FloatArray:
+        """(n, 3) rate of the body relative to the laboratory, in body axes, in the gimbals' unit.
+
+        ω = Rx Ry e_z ȯ + Rx e_y ṁ + e_x i̇: each axis turns in the frame that it carries.
+        """
+        _, _, sm, cm, si, ci = self._sines
+        o, m, i = gimbal_rates.T
+        across = cm * o
+        rate = np.empty_like(self._like)
+        rate[:, 0], rate[:, 1], rate[:, 2] = i - sm * o, ci * m + si * across, ci * across - si * m
+        return rate
+
+
 def into_body(vector_lab: FloatArray, angles_rad: FloatArray) -> FloatArray:
-    """One laboratory vector (3,) in body axes at each pose: (n, 3). Cheaper than the matrices."""
-    so, co, sm, cm, si, ci = _sines(*angles_rad.T)
-    x, y, z = vector_lab
-    x1, y1 = co * x + so * y, co * y - so * x
-    x2, z2 = cm * x1 - sm * z, sm * x1 + cm * z
-    body = np.empty_like(angles_rad)
-    body[:, 0], body[:, 1], body[:, 2] = x2, ci * y1 + si * z2, ci * z2 - si * y1
-    return body
+    """One laboratory vector (3,) in body axes at each pose: (n, 3)."""
+    return Attitude(angles_rad).into_body(vector_lab)
 
 
 def body_rate_rad_s(angles_rad: FloatArray, rates_rad_s: FloatArray) -> FloatArray:
-    """(n, 3) rate of the body relative to the laboratory, in body axes, from gimbal angles and rates.
-
-    ω = Rx Ry e_z ȯ + Rx e_y ṁ + e_x i̇: each axis turns in the frame that it carries.
-    """
-    _, _, sm, cm, si, ci = _sines(*angles_rad.T)
-    o, m, i = rates_rad_s.T
-    rate = np.empty_like(angles_rad)
-    rate[:, 0], rate[:, 1], rate[:, 2] = i - sm * o, ci * m + si * cm * o, ci * cm * o - si * m
-    return rate
+    """(n, 3) rate of the body relative to the laboratory, in body axes, from gimbal angles and rates."""
+    return Attitude(angles_rad).body_rate(rates_rad_s)
 
 
 def body_acceleration_rad_s2(

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
 from dut_emulator.motion import gimbal_geometry as geometry
+from dut_emulator.motion.chamber import ROOM_C
 from protocol.bench_description import Site
 
 FloatArray = NDArray[np.float64]
 
-ROOM_TEMPERATURE_C = 23.0
+ROOM_TEMPERATURE_C = ROOM_C
 
 
 class LevelBoard:

@@ -1,272 +1,67 @@
 # pyright: strict
-"""A three-axis turntable as a state machine over bench time.
-
-The turntable's states: NOREF until `home` has found the reference marks, MOVING while any axis turns or
-the marks are sought, READY at rest, FAULT while the door is open. It takes a command only when READY
-(`home` also in NOREF), checks it against rate and acceleration limits before anything moves, and then
-knows its pose at every moment in closed form. A door that opens in mid-motion brakes all axes.
-
-Its errors are thin: the encoders' resolution and a small wobble in the *reading*; the motion itself is
-exact. Out of scope here: rate ripple, non-orthogonality, remount misalignment, servo lag.
-"""
-
-import math
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+"""The three-axis turntable: outer and middle axis to 400 °/s, inner to 1000 °/s, all without stops."""
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
-from dut_emulator.effects.effect import Stimulus
-from dut_emulator.interfaces import StandRefusal, StandStatus
-from dut_emulator.motion import gimbal_geometry as geometry
-from dut_emulator.motion.axis_motion import AxisMotion, Trapezoid
+from dut_emulator.motion.schedule import Drives, Triple
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
+from dut_emulator.stands.recording_stand import LiveStand
+from dut_emulator.stands.turntable_commands import TurntablePort
+from dut_emulator.stands.turntable_errors import TurntableSpec, calibration_due, drawn_effects
+from dut_emulator.stands.turntable_model import (
+    ERR_ARGUMENT,
+    ERR_BUSY,
+    ERR_DOOR_OPEN,
+    ERR_LIMIT,
+    ERR_NO_MARK,
+    ERR_NO_REFERENCE,
+    EncoderErrors,
+    TurntableModel,
+)
+from dut_emulator.stands.turntable_run import RecordingTurntable, TurntableKind
 from protocol.bench_description import Site
 
-FloatArray = NDArray[np.float64]
-Triple = tuple[float, float, float]
+__all__ = [
+    "ERR_ARGUMENT",
+    "ERR_BUSY",
+    "ERR_DOOR_OPEN",
+    "ERR_LIMIT",
+    "ERR_NO_MARK",
+    "ERR_NO_REFERENCE",
+    "ROOM_TEMPERATURE_C",
+    "EncoderErrors",
+    "ThreeAxisTurntableModel",
+    "live_stand",
+    "recording_stand",
+]
 
-AXES = ("outer", "middle", "inner")
-ARC_SECOND_RAD = math.radians(1 / 3600)
-
-ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_NO_MARK, ERR_ARGUMENT = 10, 11, 12, 13, 14, 15
-REFERENCE_SEARCH_S = 3.0
-"""The creep over the reference marks after the way to zero."""
-REST_TOLERANCE_S = 1e-9
-
-
-@dataclass(frozen=True)
-class TurntableLimits:
-    """What the drives can do, by axis outer, middle, inner. Positioning is gentler than that."""
-
-    rate_deg_s: Triple = (400.0, 400.0, 1000.0)
-    acceleration_deg_s2: Triple = (250.0, 250.0, 500.0)
-    positioning_rate_deg_s: float = 90.0
-    positioning_acceleration_deg_s2: float = 100.0
+DRIVES = Drives((400.0, 400.0, 1000.0), (250.0, 250.0, 500.0))
+KIND = TurntableKind("three_axis_turntable", "tt3", DRIVES, TurntableSpec())
 
 
-@dataclass(frozen=True)
-class EncoderErrors:
-    """Of the reading: resolution, and a wobble of once and twice a turn with phases by `seed`.
-
-    The reading is right at zero angle, where the reference marks are.
-    """
-
-    angle_quantum_rad: float = 0.1 * ARC_SECOND_RAD
-    rate_quantum_rad_s: float = math.radians(1e-5)
-    wobble_rad: tuple[float, float] = (0.5 * ARC_SECOND_RAD, 0.2 * ARC_SECOND_RAD)
-    seed: int = 0
-
-
-class ThreeAxisTurntableModel:
-    """See `EmulatedStand`. `lever_arm_m`: of the unit's sensors from the centre, in body axes."""
+class ThreeAxisTurntableModel(TurntableModel):
+    """A turntable with all three drives; without `effects` it does what it says."""
 
     def __init__(
         self,
         site: Site,
-        limits: TurntableLimits | None = None,
+        limits: Drives | None = None,
         encoders: EncoderErrors | None = None,
         lever_arm_m: Triple = (0.0, 0.0, 0.0),
         temperature_c: float = ROOM_TEMPERATURE_C,
+        effects: tuple[CatalogueEffect, ...] = (),
     ) -> None:
-        self._limits = limits or TurntableLimits()
-        self._encoders = encoders or EncoderErrors()
-        self._lever_arm_m = np.array(lever_arm_m)
-        self._temperature_c = temperature_c
-        self._earth_rate = geometry.earth_rate_lab_rad_s(site)
-        self._gravity = geometry.specific_force_lab_m_s2(site)
-        self._field = geometry.field_lab_t(site)
-        self._axes = tuple(AxisMotion() for _ in AXES)  # degrees: commands end at round angles
-        self._busy_until_s = -math.inf
-        self._referenced = False
-        self._seeking_mark = False
-        self._fault = "none"
-        rng = np.random.Generator(np.random.PCG64([self._encoders.seed, 3]))
-        self._wobble_phase = rng.uniform(0.0, 2 * np.pi, size=(2, 3))
-
-    # --- commands
-
-    def home(self, now_s: float) -> float | StandRefusal:
-        """Find the reference marks and go to zero angles."""
-        refusal = self._refusal(now_s, needs_reference=False)
-        if refusal is not None:
-            return refusal
-        if self._fault == "lost_reference":
-            return StandRefusal(ERR_NO_MARK, "reference mark not found")
-        duration_s = self._go((0.0, 0.0, 0.0), now_s) + REFERENCE_SEARCH_S
-        self._referenced = self._seeking_mark = True
-        self._busy_until_s = now_s + duration_s
-        return duration_s
-
-    def move(self, angles_deg: Triple, now_s: float) -> float | StandRefusal:
-        """Go to absolute angles (whole turns count) at the positioning rate, all axes at once."""
-        refusal = self._refusal(now_s)
-        if refusal is not None:
-            return refusal
-        if not all(math.isfinite(angle) for angle in angles_deg):
-            return StandRefusal(ERR_ARGUMENT, "an angle is not a number")
-        duration_s = self._go(angles_deg, now_s)
-        self._seeking_mark = False
-        self._busy_until_s = now_s + duration_s
-        return duration_s
-
-    def rotate(
-        self, axis: str, angle_deg: float, duration_s: float, ramp_s: float, now_s: float
-    ) -> float | StandRefusal:
-        """Turn one axis on a trapezoid of rate with equal ramps."""
-        refusal = self._refusal(now_s) or self._check_turn(axis, angle_deg, duration_s, ramp_s)
-        if refusal is not None:
-            return refusal
-        self._axes[AXES.index(axis)].turn(Trapezoid(angle_deg, duration_s, ramp_s), now_s)
-        self._seeking_mark = False
-        self._busy_until_s = now_s + duration_s
-        return duration_s
-
-    def stop(self, now_s: float) -> float:
-        """To rest at the acceleration limit; while the marks are sought, that search is given up."""
-        if now_s >= self._busy_until_s:
-            return 0.0
-        self._referenced &= not self._seeking_mark
-        _, rates, _ = self._pose_deg(np.array([now_s]))
-        accelerations = self._limits.acceleration_deg_s2
-        for motion, acceleration in zip(self._axes, accelerations, strict=True):
-            motion.brake(acceleration, now_s)
-        duration_s = max(abs(rate) / limit for rate, limit in zip(rates[0], accelerations, strict=True))
-        self._busy_until_s = now_s + duration_s
-        return duration_s
-
-    def inject(self, fault: str, now_s: float) -> None:
-        """'door_open' and 'lost_reference' brake whatever moves; 'none' clears, but finds no reference."""
-        if fault != "none":
-            self.stop(now_s)
-        if fault == "lost_reference":
-            self._referenced = False
-        self._fault = fault
-
-    # --- what is seen
-
-    def status(self, now_s: float) -> StandStatus:
-        """The state now."""
-        angles, rates, _ = self._pose_deg(np.array([now_s]))
-        return StandStatus(self._state(now_s), _triple(angles[0]), _triple(rates[0]), self._temperature_c)
-
-    def limits(self) -> tuple[float, float, float, float, float, float]:
-        """Rates (deg/s) and accelerations (deg/s²) of outer, middle, inner."""
-        return (*self._limits.rate_deg_s, *self._limits.acceleration_deg_s2)
-
-    def pose(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """True gimbal angles (rad), rates (rad/s) and accelerations (rad/s²), each (n, 3)."""
-        angles, rates, accelerations = self._pose_deg(times_s)
-        return np.radians(angles), np.radians(rates), np.radians(accelerations)
-
-    @property
-    def effects(self) -> tuple[CatalogueEffect, ...]:
-        """None: it does what it says."""
-        return ()
-
-    def stimulus(self, times_s: FloatArray) -> Stimulus:
-        """What acts on the unit: Earth rate and the table's, gravity and lever arm, field, temperature."""
-        angles, rates, accelerations = self.pose(times_s)
-        turning = geometry.body_rate_rad_s(angles, rates)
-        force = geometry.into_body(self._gravity, angles)
-        if self._lever_arm_m.any():
-            angular = geometry.body_acceleration_rad_s2(angles, rates, accelerations)
-            force += geometry.lever_arm_force_m_s2(turning, angular, self._lever_arm_m)
-        earth_rate = geometry.into_body(self._earth_rate, angles)
-        return Stimulus(
-            time_s=times_s,
-            temperature_c=np.full(len(times_s), self._temperature_c),
-            sample_period_s=math.nan,
-            rate_rad_s=turning + earth_rate,
-            specific_force_m_s2=force,
-            field_t=geometry.into_body(self._field, angles),
-            angles_rad=angles,
-            earth_rate_rad_s=earth_rate,
-        )
-
-    def encoder_samples(self, times_s: FloatArray) -> FloatArray:
-        """The stand's own reading, (n, 15): see docs/bench.md, stream sample. Earth rate is not in it."""
-        angles, rates, _ = self.pose(times_s)
-        errors = self._encoders
-        wobble, slope = np.zeros_like(angles), np.zeros_like(angles)
-        for harmonic, amplitude in enumerate(errors.wobble_rad, start=1):
-            at_zero = self._wobble_phase[harmonic - 1]
-            phase = harmonic * angles + at_zero
-            wobble += amplitude * (np.sin(phase) - np.sin(at_zero))
-            slope += amplitude * harmonic * np.cos(phase)
-        read_angles = _rounded(angles + wobble, errors.angle_quantum_rad)
-        read_rates = _rounded(rates * (1 + slope), errors.rate_quantum_rad_s)
-        rows = np.zeros((len(times_s), 15))
-        rows[:, 0] = times_s
-        rows[:, 1:4] = geometry.body_rate_rad_s(read_angles, read_rates)
-        rows[:, 4:7] = geometry.into_body(self._gravity, read_angles)
-        rows[:, 7:10], rows[:, 10:13] = read_angles, read_rates
-        rows[:, 13] = self._temperature_c
-        return rows
-
-    # --- inside
-
-    def _state(self, now_s: float) -> str:
-        if self._fault == "door_open":
-            return "FAULT"
-        if now_s < self._busy_until_s - REST_TOLERANCE_S:
-            return "MOVING"
-        return "READY" if self._referenced else "NOREF"
-
-    def _refusal(self, now_s: float, *, needs_reference: bool = True) -> StandRefusal | None:
-        state = self._state(now_s)
-        if state == "FAULT":
-            return StandRefusal(ERR_DOOR_OPEN, "door open")
-        if state == "MOVING":
-            return StandRefusal(ERR_BUSY, "moving")
-        if state == "NOREF" and needs_reference:
-            return StandRefusal(ERR_NO_REFERENCE, "no reference: HOME first")
-        return None
-
-    def _check_turn(
-        self, axis: str, angle_deg: float, duration_s: float, ramp_s: float
-    ) -> StandRefusal | None:
-        if axis not in AXES or not all(map(math.isfinite, (angle_deg, duration_s, ramp_s))):
-            return StandRefusal(ERR_ARGUMENT, "axis unknown, or not a number")
-        if not 0.0 < ramp_s <= duration_s / 2:
-            return StandRefusal(ERR_ARGUMENT, "ramp must be above 0 and at most half the duration")
-        turn = Trapezoid(angle_deg, duration_s, ramp_s)
-        number = AXES.index(axis)
-        rate, acceleration = self._limits.rate_deg_s[number], self._limits.acceleration_deg_s2[number]
-        if abs(turn.peak_rate) > rate:
-            text = f"peak rate {abs(turn.peak_rate):.1f} deg/s above the limit of {rate:g} deg/s"
-            return StandRefusal(ERR_LIMIT, text)
-        if abs(turn.acceleration) > acceleration:
-            text = (
-                f"acceleration {abs(turn.acceleration):.1f} deg/s2 above the limit of {acceleration:g} deg/s2"
-            )
-            return StandRefusal(ERR_LIMIT, text)
-        return None
-
-    def _go(self, angles_deg: Triple, now_s: float) -> float:
-        present = self._pose_deg(np.array([now_s]))[0][0]
-        longest_s = 0.0
-        for motion, angle, target in zip(self._axes, present, angles_deg, strict=True):
-            way = target - float(angle)
-            if way:
-                turn = Trapezoid.fastest(
-                    way, self._limits.positioning_rate_deg_s, self._limits.positioning_acceleration_deg_s2
-                )
-                motion.turn(turn, now_s)
-                longest_s = max(longest_s, turn.duration_s)
-        return longest_s
-
-    def _pose_deg(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        poses = [motion.at(times_s) for motion in self._axes]
-        angles, rates, accelerations = (np.stack(parts, axis=1) for parts in zip(*poses, strict=True))
-        return angles, rates, accelerations
+        super().__init__(site, limits or DRIVES, encoders, lever_arm_m, temperature_c, effects)
 
 
-def _rounded(values: FloatArray, quantum: float) -> FloatArray:
-    return np.rint(values / quantum) * quantum
+def recording_stand(seed: int, site: Site) -> RecordingTurntable:
+    """The stand whose errors this seed draws, for recordings."""
+    return RecordingTurntable(KIND, seed, site)
 
 
-def _triple(values: FloatArray) -> Triple:
-    outer, middle, inner = (float(value) for value in values)
-    return outer, middle, inner
+def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
+    """The same stand behind its command port."""
+    effects = drawn_effects(KIND.name, seed, KIND.spec, DRIVES)
+    table = ThreeAxisTurntableModel(site, encoders=EncoderErrors(seed=seed), effects=effects)
+    return LiveStand(
+        TurntablePort(table, f"Testloom,TT3,{identity},1.0", calibration_due(KIND.name, seed)), table
+    )

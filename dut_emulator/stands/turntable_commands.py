@@ -1,5 +1,21 @@
 # pyright: strict
-"""The command port and the sample stream of a three-axis turntable, as docs/bench.md has them.
+"""The command port and the sample stream of turntables, as docs/bench.md has them.
+
+    *IDN?                              identification
+    CAL?                               ISO date until which the stand's own calibration holds
+    HOME                               OK, or ERR code text
+    MOVE outer,middle,inner            OK duration_s
+    ROT axis,angle,duration_s,ramp_s   OK duration_s
+    STOP                               OK
+    STAT?                              state, three angles, three rates, temperature of the probe
+    LIM?                               three rates, three accelerations; 0: this axis has no drive
+    STRE ON,rate_hz   STRE OFF         OK
+    TEMP target,ramp                   OK duration_s: °C, °C/min; chambers only
+    TEMP?                              air at the probe, set point; chambers only
+
+All turntables have three angles; an axis without a drive stays at its home, and asking it to turn is ERR 15.
+The faults 'door_open' (ERR 13), 'lost_reference' (ERR 11 until HOME) and 'rate_not_reached' can be injected:
+under the last a ROT is answered as ever, but runs at nine tenths of its rate and ends short of its angle.
 
 Angles are in degrees on the command port and in radians in the stream. An error is `ERR code text`; codes
 from 10 up are the stand's own. Sample k of a stream is taken k / rate after `STRE ON`; samples of the past
@@ -9,7 +25,7 @@ Omitted: continuous rate mode, sinusoidal motion, the axes' zero settings.
 """
 
 import math
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -18,16 +34,38 @@ from protocol.stand_stream import STAND_SAMPLE_DTYPE
 
 ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 MAX_STREAM_RATE_HZ = 2000.0
-STAND_FAULTS: Final = ("none", "door_open", "lost_reference")
+STAND_FAULTS: Final = ("none", "door_open", "lost_reference", "rate_not_reached")
 _INSTANT_TOLERANCE_S = 1e-9
 
 
-class TurntablePort:
-    """One turntable behind its command port. See `StandModel`."""
+class Chamber(Protocol):
+    """What the port asks of a stand with a chamber."""
 
-    def __init__(self, stand: EmulatedStand, identification: str) -> None:
+    def set_temperature(self, target_c: float, ramp_c_per_min: float, now_s: float) -> float | StandRefusal:
+        """Begin a ramp of the air; the time that it takes in s."""
+        ...
+
+    def temperatures_c(self, now_s: float) -> tuple[float, float]:
+        """Of the air at the probe, and the set point."""
+        ...
+
+
+class TurntablePort:
+    """One turntable behind its command port. See `StandModel`.
+
+    `calibration_due`: None answers no `CAL?`. `chamber`: None answers no `TEMP`.
+    """
+
+    def __init__(
+        self,
+        stand: EmulatedStand,
+        identification: str,
+        calibration_due: str | None = None,
+        chamber: Chamber | None = None,
+    ) -> None:
         self._stand = stand
         self._identification = identification
+        self._calibration_due, self._chamber = calibration_due, chamber
         self._rate_hz = 0.0
         self._started_s = 0.0
         self._taken = 0
@@ -87,10 +125,25 @@ class TurntablePort:
                 return ",".join(f"{limit:g}" for limit in self._stand.limits())
             case "STRE", 1 | 2:
                 return self._stream(arguments, now_s)
+            case "CAL?", 0 if self._calibration_due is not None:
+                return self._calibration_due
+            case "TEMP" | "TEMP?", _ if self._chamber is not None:
+                return self._temperature(self._chamber, word, arguments, now_s)
             case (("*IDN?" | "HOME" | "MOVE" | "ROT" | "STOP" | "STAT?" | "LIM?" | "STRE"), count):
                 raise ValueError(f"{word} does not take {count} arguments")
             case _:
                 return f"ERR {ERR_UNKNOWN} unknown command {word[:20]}"
+
+    def _temperature(self, chamber: Chamber, word: str, arguments: list[str], now_s: float) -> str:
+        match word, len(arguments):
+            case "TEMP?", 0:
+                air_c, target_c = chamber.temperatures_c(now_s)
+                return f"{air_c:.2f},{target_c:g}"
+            case "TEMP", 2:
+                target_c, ramp_c_per_min = (_number(text) for text in arguments)
+                return _done(chamber.set_temperature(target_c, ramp_c_per_min, now_s))
+            case _, count:
+                raise ValueError(f"{word} does not take {count} arguments")
 
     def _stream(self, arguments: list[str], now_s: float) -> str:
         match [arguments[0].upper(), *arguments[1:]]:

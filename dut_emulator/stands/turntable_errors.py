@@ -1,0 +1,152 @@
+# pyright: strict
+"""A turntable's own errors, drawn by its seed inside what its data sheet promises, as catalogue effects.
+
+The stimulus holds what the stand reports; what it truly does beside that are these effects, the same for
+every unit. A stand has one wobble, one ripple and one eccentricity: those of its worst axis. All stands of a
+kind have the same list of effects, whatever the seed. The Earth's rate is none of them: see
+`motion.laboratory`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.dynamics import ChamberLag
+from dut_emulator.effects.effect import SensorName
+from dut_emulator.effects.stand import (
+    AXIS_NAMES,
+    AxisName,
+    ChamberGradient,
+    EncoderEccentricity,
+    LevelDrift,
+    LeverArm,
+    MotorField,
+    NonOrthogonality,
+    RateRipple,
+    RateScaleFactor,
+    RemountMisalignment,
+    Wobble,
+)
+from dut_emulator.motion.chamber import ROOM_C
+from dut_emulator.motion.schedule import Drives, Triple
+from protocol.units_of_measure import factor_to_si
+
+ARC_SECOND_RAD = factor_to_si("arcsec")
+_TRIADS: tuple[SensorName, ...] = ("gyro", "acc", "mag")
+
+
+@dataclass(frozen=True)
+class TurntableSpec:
+    """What a data sheet promises: the largest amplitude of each error; a drawn one has 30 to 100 % of it."""
+
+    wobble_rad: float = 2 * ARC_SECOND_RAD
+    eccentricity_rad: float = 2 * ARC_SECOND_RAD
+    rate_ripple: float = 2e-5
+    ripple_harmonic: float = 12.0
+    non_orthogonality_rad: float = 2 * ARC_SECOND_RAD
+    rate_scale_factor: float = 5e-6
+    level_drift_rad_s: float = 1e-8
+    remount_misalignment_rad: float = 1e-4
+    lever_arm_m: float = 2e-3
+    motor_field_t: float = 1e-6
+    chamber_lag_s: float = 0.0
+    chamber_gradient: float = 0.0
+
+
+class _Draws:
+    """Amplitudes by name, each from a generator of its own: a new error leaves the others as they were."""
+
+    def __init__(self, kind: str, seed: int) -> None:
+        self._entropy = (seed % 2**64, *kind.encode())
+
+    def generator(self, name: str) -> np.random.Generator:
+        """For this name."""
+        return np.random.Generator(np.random.PCG64([*self._entropy, *name.encode()]))
+
+    def size(self, name: str, most: float) -> float:
+        """30 to 100 % of the most, without a sign."""
+        return most * float(self.generator(name).uniform(0.3, 1.0))
+
+    def signed(self, name: str, most: float) -> float:
+        """As `size`, of either sign."""
+        return self.size(name, most) * (1.0 if self.generator(f"{name} sign").random() < 0.5 else -1.0)
+
+    def wave(self, name: str, most: float) -> tuple[float, float]:
+        """Cosine and sine amplitude of a wave of any phase."""
+        phase = self.generator(f"{name} phase").uniform(0.0, 2 * np.pi)
+        size = self.size(name, most)
+        return size * float(np.cos(phase)), size * float(np.sin(phase))
+
+    def vector(self, name: str, most: float) -> Triple:
+        """Of any direction in space."""
+        direction = self.generator(f"{name} direction").standard_normal(3)
+        direction *= self.size(name, most) / float(np.linalg.norm(direction))
+        x, y, z = (float(part) for part in direction)
+        return x, y, z
+
+
+def drawn_effects(kind: str, seed: int, spec: TurntableSpec, drives: Drives) -> tuple[CatalogueEffect, ...]:
+    """The errors of the stand of this kind and seed, on every triad that they reach."""
+    draws = _Draws(kind, seed)
+    driven: list[AxisName] = [name for index, name in enumerate(AXIS_NAMES) if drives.turns(index)]
+    worst = driven[int(draws.generator("worst axis").integers(len(driven)))]
+    turning = _rotations(draws, spec, drives, worst)
+    ripple_cosine, ripple_sine = draws.wave("rate ripple", spec.rate_ripple)
+    drift_x, drift_y = draws.wave("level drift", spec.level_drift_rad_s)
+    tilt = (drift_x, drift_y, 0.0)
+    effects: list[CatalogueEffect] = [
+        RateScaleFactor("gyro", draws.signed("rate scale factor", spec.rate_scale_factor)),
+        RateRipple("gyro", ripple_cosine, ripple_sine, spec.ripple_harmonic, worst),
+        *(effect for row in turning for effect in row),
+        LevelDrift("gyro", tilt),
+        LevelDrift("acc", tilt),
+        LeverArm("acc", draws.vector("lever arm", spec.lever_arm_m)),
+        MotorField(
+            "mag",
+            draws.vector("motor field cosine", spec.motor_field_t),
+            draws.vector("motor field sine", spec.motor_field_t),
+            1.0,
+            worst,
+        ),
+    ]
+    if spec.chamber_lag_s:
+        share = -draws.size("chamber gradient", spec.chamber_gradient)
+        effects += [
+            ChamberGradient("temperature", (share, share, share), ROOM_C),
+            ChamberLag("temperature", draws.size("chamber lag", spec.chamber_lag_s)),
+        ]
+    return tuple(effects)
+
+
+def _rotations(
+    draws: _Draws, spec: TurntableSpec, drives: Drives, worst: AxisName
+) -> list[tuple[CatalogueEffect, ...]]:
+    """The small rotations of the body, for each triad the same."""
+    nod_cosine = draws.vector("wobble cosine", spec.wobble_rad)
+    nod_sine = draws.vector("wobble sine", spec.wobble_rad)
+    off_cosine, off_sine = draws.wave("eccentricity", spec.eccentricity_rad)
+    mounted = draws.vector("remount", spec.remount_misalignment_rad)
+    outer_middle = draws.signed("outer middle", spec.non_orthogonality_rad)
+    middle_inner = draws.signed("middle inner", spec.non_orthogonality_rad)
+    square = (drives.turns(0) and drives.turns(1), drives.turns(1) and drives.turns(2))
+    rows: list[tuple[CatalogueEffect, ...]] = []
+    for triad in _TRIADS:
+        row: list[CatalogueEffect] = [
+            Wobble(triad, nod_cosine, nod_sine, 1.0, worst),
+            EncoderEccentricity(triad, off_cosine, off_sine, worst),
+            RemountMisalignment(triad, mounted),
+        ]
+        if any(square):
+            row.append(NonOrthogonality(triad, outer_middle * square[0], middle_inner * square[1]))
+        rows.append(tuple(row))
+    return rows
+
+
+def calibration_due(kind: str, seed: int) -> str:
+    """ISO date until which the stand's own calibration holds.
+
+    Ten years from the first release: an emulated stand does not lapse by itself.
+    """
+    rng = _Draws(kind, seed).generator("calibration due")
+    return f"2036-{int(rng.integers(1, 13)):02d}-{int(rng.integers(1, 29)):02d}"
