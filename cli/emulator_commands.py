@@ -174,6 +174,30 @@ def with_one_more(
     _keep(with_effect(_twin_of(unit, seed, serial), effect, sensor, axis, parameters or []), out)
 
 
+@app.command(
+    cls=Command, help=say("Draw a unit's Allan deviations, errors over temperature, answer to a step.")
+)
+def plot(
+    unit: UnitOrFile,
+    out: Annotated[Path, _option("out", say("The folder for the pictures."))],
+    seed: Seed = 1,
+    serial: Serial = "U-0001",
+) -> None:
+    from cli.emulator_plots import unit_to_draw, write_plots
+    from dut_emulator.products.catalogue import product_named
+    from protocol.durable_files import storage_error
+
+    twin = _twin_of(unit, seed, serial)
+    product = product_named(twin.product)
+    name = f"{product.name}-{serial}" if unit == product.name else Path(unit).stem
+    try:
+        written = write_plots(unit_to_draw(twin, name, product), out)
+    except OSError as error:
+        raise storage_error(error, out) from error
+    for path in written:
+        typer.echo(str(path))
+
+
 def _console() -> Any:
     from rich.console import Console
 

@@ -66,7 +66,7 @@ def twin_table(twin: Twin, name: str) -> Table:
     table = Table(title=Text(name))
     for heading in (say("Effect"), say("Acts on"), say("Parameter")):
         table.add_column(heading, no_wrap=True)
-    table.add_column(say("Value"))
+    table.add_column(say("True value"), overflow="fold")
     for effect in twin.effects:
         rows = _changed_fields(effect)
         for number, (field, shown) in enumerate(rows or [("", "–")]):

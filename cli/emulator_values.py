@@ -38,7 +38,7 @@ def profile_values(kind: ProfileKind, given: Sequence[str]) -> dict[str, float]:
     """What `--set` says, in the units of the profile's parameters; names are checked by the profile."""
     units = {parameter.name: parameter.unit for parameter in kind.parameters}
     return {
-        name: value * (conversion_to(unit, units[name]) if unit and name in units else 1.0)
+        name: value * (_factor(name, unit, units[name]) if unit and name in units else 1.0)
         for name, (value, unit) in parsed(given).items()
     }
 
@@ -72,6 +72,16 @@ def with_effect(
     document = {"format": "testloom-twin/1", "product": twin.product, "effects": [entry]}
     (effect,) = parse_twin(json.dumps(document), COMMAND_LINE).effects
     return twin.with_effect(effect)
+
+
+def _factor(name: str, unit: str, declared: str) -> float:
+    try:
+        return conversion_to(unit, declared)
+    except TestloomError as error:
+        remedy = f"give the value in {declared} or in another unit of the same quantity."
+        raise TestloomError(
+            error.what, where=f"{COMMAND_LINE}, {name}", fault=Fault.OPERATOR, remedy=remedy
+        ) from error
 
 
 def _spelled(unit: str, declared: str) -> str:

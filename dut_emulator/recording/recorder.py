@@ -97,6 +97,7 @@ class RecordingSession:
             "mount": order.mount,
             "started_at": order.started_at,
             "values": values,
+            "value_units": {parameter.name: parameter.unit for parameter in profile.parameters},
             "triggered": order.triggered,
             **({"power_on_s": self.unit.power_on_s} if order.powered_before_s else {}),
         }

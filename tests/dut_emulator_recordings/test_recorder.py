@@ -35,6 +35,7 @@ def test_a_recording_has_the_samples_and_says_who_and_how(plain):
         "mount": "m1",
         "started_at": "2026-01-01T00:00:00Z",
         "values": {"rate": 30.0, "duration": 2.0},
+        "value_units": {"rate": "deg/s", "duration": "s"},
         "triggered": True,
     }
     assert recording.stand == {"id": "pt-1", "kind": "plain_table", "calibration_due": "2026-06-30"}
