@@ -16,14 +16,8 @@ from dut_emulator.effects.catalogue import CATALOGUE, candidate
 from dut_emulator.effects.effect import EffectChain, SensorName, Stimulus
 from dut_emulator.effects.parameters import scalars, with_values
 from dut_emulator.products.gnc_module import make_unit
-from dut_emulator.products.gnc_module.inertial_sensors import (
-    ACC_LSB_M_S2,
-    ACC_RANGE_COUNTS,
-    GYRO_LSB_RAD_S,
-    GYRO_RANGE_COUNTS,
-    triad_effects,
-)
 from dut_emulator.products.gnc_module.population import draw_unit
+from dut_emulator.products.gnc_module.unit_twin import twin_of
 from dut_emulator.stands.level_board import LevelBoard
 from protocol.bench_description import Site
 from protocol.frames import encode_frame
@@ -97,13 +91,10 @@ def _fastest(task: Callable[[], None], rounds: int = ROUNDS) -> float:
 
 
 def _emulator() -> None:
-    truth = draw_unit(1, "BENCH-1")
-    rng = np.random.Generator(np.random.SFC64(1))
+    twin = twin_of(draw_unit(1, "BENCH-1"))
     chains = [
-        EffectChain(
-            triad_effects("gyro", truth.gyro, rng, GYRO_RANGE_COUNTS * GYRO_LSB_RAD_S, GYRO_LSB_RAD_S)
-        ),
-        EffectChain(triad_effects("acc", truth.acc, rng, ACC_RANGE_COUNTS * ACC_LSB_M_S2, ACC_LSB_M_S2)),
+        EffectChain(effect for effect in twin.effects if effect.sensor == sensor and effect.origin == "")
+        for sensor in ("gyro", "acc")
     ]
     memories = [chain.begin(np.random.SeedSequence(number)) for number, chain in enumerate(chains)]
     for begin in range(0, SAMPLES, CHUNK):

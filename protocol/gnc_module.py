@@ -26,7 +26,9 @@ class FrameType(IntEnum):
     READ_COEFFICIENTS = 0x06
     RESET = 0x07
     ECHO = 0x08
+    FORWARD_GNSS = 0x09
     STREAM_SAMPLE = 0x20
+    GNSS_DATA = 0x21
 
 
 REPLY_BIT = 0x80
@@ -130,6 +132,7 @@ BIAS_INSTABILITY_UNIT_SPREAD = 0.4
 """Standard deviation of the logarithm over the same five units."""
 BIAS_CORRELATION_TIME_S = 300.0
 STREAM_RATES_HZ = (50, 100, 200, 400)
+GNSS_RATES_HZ = (1, 5, 10)
 
 SAMPLE_DTYPE = np.dtype(
     [
@@ -153,6 +156,13 @@ class SampleStatus(IntEnum):
     ACC_SATURATED = 4
 
 
+class GnssProtocol(IntEnum):
+    """Bits of what is forwarded of the receiver: NAV-PVT, or GGA and RMC."""
+
+    UBX = 1
+    NMEA = 2
+
+
 class Sensor(IntEnum):
     """Which triad a set of coefficients is for."""
 
@@ -166,6 +176,9 @@ SELF_TEST_LAYOUT = struct.Struct("<BI")
 SELF_TEST_REPLY_HEAD = struct.Struct("<BBI")
 START_STREAM_LAYOUT = struct.Struct("<HB")
 """Rate in Hz, flags (bit 0: compensated)."""
+FORWARD_GNSS_LAYOUT = struct.Struct("<BB")
+"""Rate in Hz (0 ends it), protocols (`GnssProtocol`). From then on each epoch's bytes, as the receiver sends
+them (`protocol.gnss`), are the payload of one GNSS_DATA, whose sequence counts the epochs."""
 COEFFICIENTS_LAYOUT = struct.Struct("<B9d3d")
 """WRITE_COEFFICIENTS: sensor, K row by row (dimensionless), bias (rad/s or m/s²): u = K (y − b).
 The reply to READ_COEFFICIENTS is the status byte followed by the same."""

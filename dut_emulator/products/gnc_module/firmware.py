@@ -8,20 +8,23 @@ firmware counts in its crystal's time: every duration it keeps is true time × (
 A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set)
 is not answered; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
 
-Out of scope: GNC_RATE and GNC_SPECIFIC_FORCE on CAN (the stream on RS-422 carries the same), and the time
-that bytes take on the line.
+While it streams, rate and specific force go out on CAN too. Out of scope: the time that bytes take on a line.
 """
 
 import heapq
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
+from operator import attrgetter
 
 import numpy as np
 
 from dut_emulator.interfaces import LinkOutput
 from dut_emulator.products.gnc_module import self_tests
+from dut_emulator.products.gnc_module.can_output import can_frames
 from dut_emulator.products.gnc_module.flash import Coefficients
+from dut_emulator.products.gnc_module.gnss_forwarding import GnssForwarding, gnss_self_test
 from dut_emulator.products.gnc_module.hardware import Hardware
 from dut_emulator.products.gnc_module.heartbeat import status_frame
 from dut_emulator.products.gnc_module.inertial_sensors import SensorSamples
@@ -85,10 +88,12 @@ class Firmware:
         self._order = count()
         self._agenda: list[tuple[float, int, Callable[[float], None]]] = []
         self._outbox: list[tuple[float, int, LinkOutput]] = []
+        self._on_can: list[LinkOutput] = []  # of the stream, in their order: too many for the outbox
         self._parser = FrameParser()
         self._last_received_s = now_s
         self._running: dict[str, RunningTest] = {}
         self._stream: SampleStream | None = None
+        self._forwarding: GnssForwarding | None = None
         self._frames_echoed = 0
         self._heartbeat_counter = 0
         self._temperature_c = 0.0
@@ -108,6 +113,7 @@ class Firmware:
     def next_event_s(self) -> float | None:
         """When something will happen or leave by itself."""
         times = [entry[0] for entry in (*self._agenda[:1], *self._outbox[:1])]
+        times += [output.time_s for output in self._on_can[:1]]
         if self._stream is not None:
             times.append(self._stream.next_block_s())
         return min(times, default=None)
@@ -122,6 +128,9 @@ class Firmware:
         left: list[LinkOutput] = []
         while self._outbox and self._outbox[0][0] <= to_s:
             left.append(heapq.heappop(self._outbox)[2])
+        if self._on_can:
+            left = sorted(left + self._on_can, key=attrgetter("time_s"))
+            self._on_can = []
         return left
 
     # --- what arrives
@@ -169,6 +178,7 @@ class Firmware:
             FrameType.READ_COEFFICIENTS: self._read_coefficients,
             FrameType.RESET: self._reset,
             FrameType.ECHO: self._echo,
+            FrameType.FORWARD_GNSS: self._forward_gnss,
         }
         handler = handlers.get(frame.type)
         if handler is None:
@@ -219,6 +229,23 @@ class Firmware:
             self._send_samples(self._stream, now_s, whole_blocks=False)
             self._stream = None
         self._answer(frame, ReplyStatus.DONE, now_s)
+
+    def _forward_gnss(self, frame: Frame, now_s: float) -> None:
+        order = GnssForwarding.ordered(frame.payload)
+        if order is None:
+            return self._answer(frame, ReplyStatus.INVALID, now_s)
+        rate_hz, protocols = order
+        self._forwarding = None
+        if rate_hz:
+            self._forwarding = GnssForwarding(self.hardware, rate_hz, protocols, now_s)
+            self._at(self._forwarding.next_epoch_s, partial(self._gnss_epoch, self._forwarding))
+        self._answer(frame, ReplyStatus.DONE, now_s)
+
+    def _gnss_epoch(self, forwarding: GnssForwarding, now_s: float) -> None:
+        if forwarding is not self._forwarding:
+            return  # another order has come since
+        self._send(LinkOutput(now_s, "rs422", forwarding.epoch()))
+        self._at(forwarding.next_epoch_s, partial(self._gnss_epoch, forwarding))
 
     def _write_coefficients(self, frame: Frame, now_s: float) -> None:
         if len(frame.payload) != product.COEFFICIENTS_LAYOUT.size:
@@ -277,9 +304,10 @@ class Firmware:
             case SelfTest.IMU:
                 return self_tests.imu_values(self._sample_while(running, now_s))
             case SelfTest.GNSS:
-                return self_tests.gnss_values(truth, hardware.rng)
+                return gnss_self_test(hardware, self._forwarding, now_s)
             case SelfTest.AD:
-                field_t = hardware.sensors.field_t(hardware.acting_at(now_s).true_input("mag"))[0]
+                acting = hardware.acting_at(now_s)
+                field_t = hardware.sensors.field_t(acting.true_input("mag"), acting)[0]
                 return self_tests.ad_values(truth, field_t, hardware.routed_v, hardware.rng)
             case SelfTest.IO:
                 return self_tests.io_values(truth, running.argument & 0xFF, running.argument >> 8)
@@ -336,12 +364,15 @@ class Firmware:
             due -= number
             times_s = np.minimum(stream.instants_s(number), now_s)
             acting = self.hardware.surroundings.stimulus(times_s)
-            samples = self.hardware.sensors.sample(times_s, stream.period_s, acting)
-            if stream.compensated:
-                coefficients = self.hardware.flash.coefficients
-                samples = samples.compensated(coefficients[Sensor.GYRO], coefficients[Sensor.ACC])
-            data = stream.encode(samples, self.hardware.unit_time_us(times_s))
-            self._send(LinkOutput(float(times_s[-1]), "rs422", data))
+            raw = self.hardware.sensors.sample(times_s, stream.period_s, acting)
+            coefficients = self.hardware.flash.coefficients
+            compensated = raw.compensated(coefficients[Sensor.GYRO], coefficients[Sensor.ACC])
+            latest_s = float(times_s[-1])
+            if not self.hardware.truth.digital.can_silent:
+                self._on_can += can_frames(compensated, stream, latest_s)
+            chosen = compensated if stream.compensated else raw
+            data = stream.encode(chosen, self.hardware.unit_time_us(times_s))
+            self._send(LinkOutput(latest_s, "rs422", data))
 
     # --- plumbing
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from dut_emulator.effects.effect import Stimulus
 from dut_emulator.interfaces import Surroundings
 from dut_emulator.products.gnc_module.flash import Flash
+from dut_emulator.products.gnc_module.gnss_receiver import GnssReceiver
 from dut_emulator.products.gnc_module.inertial_sensors import InertialSensors
 from dut_emulator.products.gnc_module.unit_truth import UnitTruth
 
@@ -20,6 +21,7 @@ class Hardware:
     truth: UnitTruth
     surroundings: Surroundings
     sensors: InertialSensors
+    receiver: GnssReceiver
     rng: np.random.Generator
     power_on_s: float
     flash: Flash

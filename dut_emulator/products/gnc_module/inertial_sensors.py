@@ -1,8 +1,8 @@
 # pyright: strict
 """Gyros, accelerometers and magnetometer of one unit from power-on to power-off, as integers.
 
-Each triad is a chain of effects on what acts on the unit; its range and quantum are the product's. The
-temperature is the surroundings' plus the unit's own warming up.
+Each triad is a chain: what the stand adds, then the unit's own effects. Range and quantum are the product's,
+whatever a twin says. The temperature is the surroundings' plus the unit's own warming up.
 """
 
 import dataclasses
@@ -12,54 +12,50 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator.effects.deterministic import (
-    Bias,
-    BiasTemperature,
-    Misalignment,
-    Quantisation,
-    Saturation,
-    ScaleFactorError,
-)
-from dut_emulator.effects.effect import ChainState, Effect, EffectChain, SensorName, Stimulus
-from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.deterministic import REFERENCE_TEMPERATURE_C, Bias, ScaleFactorError
+from dut_emulator.effects.effect import EffectChain, SensorName, Stimulus
 from dut_emulator.products.gnc_module.flash import Coefficients
-from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
-from protocol.gnc_module import (
-    ACC_LSB_G,
-    ACC_RANGE_G,
-    GYRO_LSB_DEG_S,
-    GYRO_RANGE_DEG_S,
-    MAG_LSB_GAUSS,
-    MAG_RANGE_GAUSS,
-    TEMPERATURE_LSB_C,
-    SampleStatus,
+from dut_emulator.products.gnc_module.unit_truth import UnitTruth
+from dut_emulator.products.gnc_module.unit_twin import (
+    ACC_LSB_M_S2,
+    ACC_RANGE_COUNTS,
+    GYRO_LSB_RAD_S,
+    GYRO_RANGE_COUNTS,
+    MAG_LSB_T,
+    MAG_NOISE_RATE_HZ,
+    MAG_RANGE_COUNTS,
+    SensorUnit,
+    sensor_unit,
+    without_crystal,
 )
-from protocol.units_of_measure import factor_to_si
+from dut_emulator.products.product import chain_effects
+from protocol.gnc_module import SUPPLY_CURRENT_NOMINAL_A, TEMPERATURE_LSB_C, SampleStatus
 
-GYRO_LSB_RAD_S = GYRO_LSB_DEG_S * factor_to_si("deg/s")
-ACC_LSB_M_S2 = ACC_LSB_G * factor_to_si("g")
-GYRO_RANGE_COUNTS = round(GYRO_RANGE_DEG_S / GYRO_LSB_DEG_S)
-ACC_RANGE_COUNTS = round(ACC_RANGE_G / ACC_LSB_G)
-MAG_LSB_T = MAG_LSB_GAUSS * factor_to_si("gauss")
-MAG_RANGE_T = MAG_RANGE_GAUSS * factor_to_si("gauss")
-
+SUPPLY_NOMINAL_V = 5.0
 SELF_HEATING_TIME_S = 30.0
 """Time constant of the warming up after power-on."""
+WARM_AFTER = 40
+"""So many of them."""
 
-_GYRO, _ACC, _MAG, _TURN_ON = range(4)
+_GYRO, _ACC, _MAG, _TURN_ON, _TEMPERATURE, _AD = range(6)
 
 IntegerArray = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
 class SensorSamples:
-    """n samples as the converters give them: counts of the product's quanta, (n, 3); temperature (n,)."""
+    """n samples as the converters give them: counts of the product's quanta, (n, 3); temperature (n,).
+
+    `lost` (n,): samples whose frame does not arrive; their counts are 0.
+    """
 
     gyro: IntegerArray
     acc: IntegerArray
     mag: IntegerArray
     temperature: NDArray[np.int16]
     status: NDArray[np.uint16]
+    lost: NDArray[np.bool_]
 
     def compensated(self, gyro: Coefficients, acc: Coefficients) -> "SensorSamples":
         """With both triads' coefficients applied and rounded to quanta again."""
@@ -69,6 +65,7 @@ class SensorSamples:
             mag=self.mag,
             temperature=self.temperature,
             status=self.status | np.uint16(SampleStatus.COMPENSATED),
+            lost=self.lost,
         )
 
 
@@ -78,92 +75,124 @@ def _compensated(counts: IntegerArray, coefficients: Coefficients, quantum_si: f
 
 
 class InertialSensors:
-    """The sensors from one power-on to the next power-off."""
+    """The sensors from one power-on to the next power-off.
 
-    def __init__(self, truth: UnitTruth, seed: np.random.SeedSequence, power_on_s: float) -> None:
-        self._truth = truth
+    Args:
+        unit: a drawn unit, or what its sensors are made of.
+        seed: of this power-on: turn-on biases and noise.
+        power_on_s: when.
+        stand_effects: what the place adds (`chain_effects`).
+    """
+
+    def __init__(
+        self,
+        unit: UnitTruth | SensorUnit,
+        seed: np.random.SeedSequence,
+        power_on_s: float,
+        stand_effects: tuple[CatalogueEffect, ...] = (),
+    ) -> None:
+        self._unit = unit if isinstance(unit, SensorUnit) else sensor_unit(unit)
         self._power_on_s = power_on_s
+        twin = self._unit.twin
         turn_on = np.random.Generator(np.random.SFC64(_child(seed, _TURN_ON)))
-        self._gyro = EffectChain(
-            triad_effects("gyro", truth.gyro, turn_on, GYRO_RANGE_COUNTS * GYRO_LSB_RAD_S, GYRO_LSB_RAD_S)
-        )
-        self._acc = EffectChain(
-            triad_effects("acc", truth.acc, turn_on, ACC_RANGE_COUNTS * ACC_LSB_M_S2, ACC_LSB_M_S2)
-        )
-        self._gyro_memory: ChainState = self._gyro.begin(_child(seed, _GYRO))
-        self._acc_memory: ChainState = self._acc.begin(_child(seed, _ACC))
-        self._mag_rng = np.random.Generator(np.random.SFC64(_child(seed, _MAG)))
+
+        def effects(sensor: SensorName) -> tuple[CatalogueEffect, ...]:
+            return without_crystal(chain_effects(twin, stand_effects, sensor), twin)
+
+        gyro = with_turn_on(effects("gyro"), "gyro", self._unit.gyro_turn_on_si, turn_on)
+        acc = with_turn_on(effects("acc"), "acc", self._unit.acc_turn_on_si, turn_on)
+        self._gyro, self._acc = EffectChain(gyro), EffectChain(acc)
+        self._mag, self._probe = EffectChain(effects("mag")), EffectChain(effects("temperature"))
+        self._gyro_memory = self._gyro.begin(_child(seed, _GYRO))
+        self._acc_memory = self._acc.begin(_child(seed, _ACC))
+        self._mag_memory = self._mag.begin(_child(seed, _MAG))
+        self._ad_memory = self._mag.begin(_child(seed, _AD))
+        self._probe_memory = self._probe.begin(_child(seed, _TEMPERATURE))
 
     def temperature_c(
         self, surrounding_c: NDArray[np.float64], times_s: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(n,) true temperature of the sensors."""
         since = np.maximum(times_s - self._power_on_s, 0.0)
-        return surrounding_c - self._truth.self_heating_c * np.expm1(-since / SELF_HEATING_TIME_S)
+        return surrounding_c - self._unit.self_heating_c * np.expm1(-since / SELF_HEATING_TIME_S)
 
     def sample(self, times_s: NDArray[np.float64], period_s: float, acting: Stimulus) -> SensorSamples:
         """Raw samples at these instants, spaced by `period_s`; calls go forward in time."""
-        temperature = self.temperature_c(acting.temperature_c, times_s)
-        stimulus = dataclasses.replace(
-            acting,
-            time_s=times_s,
-            temperature_c=temperature,
-            sample_period_s=period_s,
-            power_on_s=self._power_on_s,
-        )
+        stimulus = self._as_felt(times_s, period_s, acting)
         gyro = self._gyro.apply(acting.true_input("gyro"), stimulus, self._gyro_memory)
         acc = self._acc.apply(acting.true_input("acc"), stimulus, self._acc_memory)
-        gyro_counts = np.rint(gyro / GYRO_LSB_RAD_S).astype(np.int32)
-        acc_counts = np.rint(acc / ACC_LSB_M_S2).astype(np.int32)
+        mag = self._mag.apply(acting.true_input("mag"), stimulus, self._mag_memory)
+        lost = ~np.isfinite(gyro[:, 0] + acc[:, 0] + mag[:, 0])
+        gyro_counts = _counts(gyro, GYRO_LSB_RAD_S, GYRO_RANGE_COUNTS)
+        acc_counts = _counts(acc, ACC_LSB_M_S2, ACC_RANGE_COUNTS)
         status = np.zeros(len(times_s), dtype=np.uint16)
-        status |= np.where(
-            (np.abs(gyro_counts) >= GYRO_RANGE_COUNTS).any(axis=1),
-            np.uint16(SampleStatus.GYRO_SATURATED),
-            np.uint16(0),
-        )
-        status |= np.where(
-            (np.abs(acc_counts) >= ACC_RANGE_COUNTS).any(axis=1),
-            np.uint16(SampleStatus.ACC_SATURATED),
-            np.uint16(0),
-        )
-        reading = (temperature + self._truth.temperature_error_c) / TEMPERATURE_LSB_C
+        for counts, limit, bit in (
+            (gyro_counts, GYRO_RANGE_COUNTS, SampleStatus.GYRO_SATURATED),
+            (acc_counts, ACC_RANGE_COUNTS, SampleStatus.ACC_SATURATED),
+        ):
+            status[(np.abs(counts) >= limit).any(axis=1)] |= np.uint16(bit)
+        felt = stimulus.true_input("temperature") + self._unit.temperature_error_c
+        probe = self._probe.apply(felt, stimulus, self._probe_memory)[:, 0]
         return SensorSamples(
             gyro=gyro_counts,
             acc=acc_counts,
-            mag=np.rint(self.field_t(acting.true_input("mag")) / MAG_LSB_T).astype(np.int32),
-            temperature=np.rint(reading).astype(np.int16),
+            mag=_counts(mag, MAG_LSB_T, MAG_RANGE_COUNTS),
+            temperature=np.rint(probe / TEMPERATURE_LSB_C).astype(np.int16),
             status=status,
+            lost=lost,
         )
 
-    def field_t(self, field_t: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The magnetometer's reading (n, 3) of a field (n, 3)."""
-        truth = self._truth.magnetometer
-        noise = truth.noise_t * self._mag_rng.standard_normal(field_t.shape)
-        output = field_t * (1 + np.asarray(truth.scale_factor_error)) + np.asarray(truth.bias_t) + noise
-        return np.clip(output, -MAG_RANGE_T, MAG_RANGE_T)
+    def field_t(self, field_t: NDArray[np.float64], acting: Stimulus | None = None) -> NDArray[np.float64]:
+        """The magnetometer's analogue outputs (n, 3) in a field (n, 3), each of a moment of its own.
+
+        `acting`: what else acts there; without it, nothing, and the sensors are warm, at 25 °C.
+        """
+        if acting is None:
+            warm_s = self._power_on_s + WARM_AFTER * SELF_HEATING_TIME_S
+            times_s = warm_s + np.arange(len(field_t)) / MAG_NOISE_RATE_HZ
+            around_c = REFERENCE_TEMPERATURE_C - self._unit.self_heating_c
+            acting = Stimulus(times_s, np.full(len(field_t), around_c), math.nan, field_t=field_t)
+        times_s = acting.time_s
+        stimulus = self._as_felt(times_s, 1 / MAG_NOISE_RATE_HZ, acting)
+        return self._mag.apply(field_t, stimulus, self._ad_memory)
+
+    def _as_felt(self, times_s: NDArray[np.float64], period_s: float, acting: Stimulus) -> Stimulus:
+        """With the sensors' own temperature, and a supply where the place does not say."""
+        n = len(times_s)
+        voltage, current = acting.supply_v, acting.supply_current_a
+        return dataclasses.replace(
+            acting,
+            time_s=times_s,
+            temperature_c=self.temperature_c(acting.temperature_c, times_s),
+            sample_period_s=period_s,
+            supply_v=np.full(n, SUPPLY_NOMINAL_V) if voltage is None else voltage,
+            supply_current_a=np.full(n, SUPPLY_CURRENT_NOMINAL_A) if current is None else current,
+            power_on_s=self._power_on_s,
+        )
 
 
-def triad_effects(
+def with_turn_on(
+    effects: tuple[CatalogueEffect, ...],
     sensor: SensorName,
-    truth: TriadTruth,
+    deviation_si: float,
     turn_on: np.random.Generator,
-    range_si: float,
-    quantum_si: float,
-) -> tuple[Effect, ...]:
-    """The effects of a triad; `turn_on` draws the part of the bias that differs from power-on to power-on."""
-    alive = np.asarray(truth.noise_density_si) > 0
-    bias = np.asarray(truth.bias_si) + alive * truth.turn_on_deviation_si * turn_on.standard_normal(3)
-    x, y, z = (float(value) for value in bias)
-    return (
-        Misalignment(sensor, truth.misalignment_rad),
-        ScaleFactorError(sensor, truth.scale_factor_error),
-        Bias(sensor, (x, y, z)),
-        BiasTemperature(sensor, (truth.bias_temperature_si_per_c,)),
-        WhiteNoise(sensor, truth.noise_density_si),
-        BiasInstability(sensor, truth.bias_instability_si, truth.correlation_time_s),
-        Saturation(sensor, range_si if range_si > 0 else math.inf),
-        Quantisation(sensor, quantum_si),
-    )
+) -> tuple[CatalogueEffect, ...]:
+    """A triad's effects with the part of the bias that a power-on draws anew; none on a dead axis."""
+    drawn = deviation_si * turn_on.standard_normal(3)
+    bias = np.zeros(3)
+    for effect in effects:
+        if isinstance(effect, ScaleFactorError):
+            drawn = drawn * (np.asarray(effect.scale_factor_error) > -1.0)
+        elif isinstance(effect, Bias):
+            bias = np.asarray(effect.bias_si)
+    x, y, z = (float(value) for value in bias + drawn)
+    return (*(effect for effect in effects if not isinstance(effect, Bias)), Bias(sensor, (x, y, z)))
+
+
+def _counts(values: NDArray[np.float64], quantum_si: float, limit: int) -> IntegerArray:
+    """Whole quanta inside the range; 0 for what is lost."""
+    counts = np.clip(np.rint(values / quantum_si), -limit, limit)
+    return np.nan_to_num(counts, copy=False, nan=0.0).astype(np.int32)
 
 
 def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:

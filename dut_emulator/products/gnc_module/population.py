@@ -22,6 +22,7 @@ from dut_emulator.products.gnc_module.defects import (
     break_unit,
     with_consequences,
 )
+from dut_emulator.products.gnc_module.lot_parts import with_lot_parts
 from dut_emulator.products.gnc_module.product_limits import (
     DEG,
     GROSS_WIDTHS,
@@ -49,6 +50,8 @@ SAMPLE_RATE_OF_NOISE_LIMITS_HZ = 200.0
 """The noise measurands are standard deviations of samples at this rate."""
 
 _DEG_PER_HOUR = DEG / 3600
+GYRO_TURN_ON_SI, ACC_TURN_ON_SI = 3 * _DEG_PER_HOUR, 0.04 * MG
+"""Bias repeatability: means of the five units of paper 1, Table 2."""
 _AXES = "xyz"
 _COUPLINGS = ("xy", "xz", "yx", "yz", "zx", "zy")
 
@@ -178,15 +181,15 @@ def _assemble(
     )
     gyro = dataclasses.replace(
         _triad(values, "gyro", rng, temperature_si_per_c=1e-3 * DEG),
-        turn_on_deviation_si=3 * _DEG_PER_HOUR,
+        turn_on_deviation_si=GYRO_TURN_ON_SI,
         bias_instability_si=_three(_around(rng, 5 * _DEG_PER_HOUR, 0.3, 0.9) for _ in _AXES),
     )
     acc = dataclasses.replace(
         _triad(values, "acc", rng, temperature_si_per_c=0.05 * MG),
-        turn_on_deviation_si=0.04 * MG,
+        turn_on_deviation_si=ACC_TURN_ON_SI,
         bias_instability_si=_three(_around(rng, 0.1 * MG, 0.3, 0.9) for _ in _AXES),
     )
-    return UnitTruth(
+    unit = UnitTruth(
         seed=seed,
         serial=serial,
         category=category,
@@ -211,6 +214,7 @@ def _assemble(
         ad_off=None,
         measurands=dict(values),
     )
+    return with_lot_parts(unit)
 
 
 def _triad(

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.products.gnc_module.defects import MEMORY_WORDS
-from dut_emulator.products.gnc_module.inertial_sensors import ACC_LSB_M_S2, GYRO_LSB_RAD_S, SensorSamples
+from dut_emulator.products.gnc_module.inertial_sensors import SensorSamples
 from dut_emulator.products.gnc_module.unit_truth import UnitTruth
+from dut_emulator.products.gnc_module.unit_twin import ACC_LSB_M_S2, GYRO_LSB_RAD_S
 from protocol.gnc_module import (
     AD_OPEN_INPUT_V,
     AD_VALUES,
@@ -29,6 +30,7 @@ from protocol.gnc_module import (
     TIMER_VALUES,
     SelfTest,
 )
+from protocol.gnss.ubx import NavPvt
 from protocol.units_of_measure import factor_to_si
 
 CPU_OPERATIONS = 1_000_000
@@ -92,6 +94,22 @@ def gnss_values(truth: UnitTruth, rng: np.random.Generator) -> bytes:
         height_m + float(up),
         abs(receiver.speed_error_m_s + GNSS_SPEED_NOISE_M_S * float(rng.standard_normal())),
         receiver.pulse_error_s + GNSS_PULSE_NOISE_S * float(rng.standard_normal()),
+    )
+
+
+def gnss_values_of(fix: NavPvt) -> bytes:
+    """The same from what the receiver itself says; how wrong its pulse is it does not know."""
+    if not fix.fix_type:
+        return GNSS_VALUES.pack(0, fix.satellites_used, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return GNSS_VALUES.pack(
+        fix.fix_type,
+        fix.satellites_used,
+        0,
+        fix.latitude_rad,
+        fix.longitude_rad,
+        fix.height_m,
+        fix.ground_speed_m_s,
+        0.0,
     )
 
 

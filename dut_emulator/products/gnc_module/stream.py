@@ -53,7 +53,7 @@ class SampleStream:
         )
 
     def encode(self, samples: SensorSamples, unit_time_us: NDArray[np.float64]) -> bytes:
-        """The next samples as frames; counts them as taken."""
+        """The next samples as frames, but for those that get lost; counts all as taken."""
         count = len(unit_time_us)
         rows = np.zeros(count, dtype=SAMPLE_DTYPE)
         rows["counter"] = np.arange(self.taken, self.taken + count)
@@ -61,6 +61,16 @@ class SampleStream:
         rows["gyro"], rows["acc"], rows["mag"] = samples.gyro, samples.acc, samples.mag
         rows["temp"], rows["status"] = samples.temperature, samples.status
         payloads = rows.view(np.uint8).reshape(count, SAMPLE_DTYPE.itemsize)
-        frames = encode_equal_frames(int(FrameType.STREAM_SAMPLE), self.taken % 256, payloads)
+        first = self.taken
         self.taken += count
-        return frames
+        if not samples.lost.any():
+            return encode_equal_frames(int(FrameType.STREAM_SAMPLE), first % 256, payloads)
+        kept = np.flatnonzero(~samples.lost)
+        pieces = np.split(
+            kept, np.flatnonzero(np.diff(kept) > 1) + 1
+        )  # frames in a row have sequences in a row
+        return b"".join(
+            encode_equal_frames(int(FrameType.STREAM_SAMPLE), (first + int(piece[0])) % 256, payloads[piece])
+            for piece in pieces
+            if len(piece)
+        )

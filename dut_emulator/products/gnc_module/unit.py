@@ -1,6 +1,7 @@
 # pyright: strict
 """A GNC module in a socket: power, circuit and firmware behind the interface that a server asks of."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
 from dut_emulator.products.gnc_module import electrical
 from dut_emulator.products.gnc_module.firmware import Firmware
 from dut_emulator.products.gnc_module.flash import Flash
+from dut_emulator.products.gnc_module.gnss_receiver import GnssReceiver
 from dut_emulator.products.gnc_module.hardware import Hardware
 from dut_emulator.products.gnc_module.inertial_sensors import InertialSensors
 from dut_emulator.products.gnc_module.population import draw_unit, unit_seed
 from dut_emulator.products.gnc_module.power import PowerEvent, PowerState, next_state
 from dut_emulator.products.gnc_module.unit_truth import UnitTruth
+from dut_emulator.products.gnc_module.unit_twin import check_product, crystal_error, sensor_unit
+from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 from protocol.gnc_module import (
     AD_CHANNEL_OF_SOURCE,
@@ -21,21 +25,34 @@ from protocol.gnc_module import (
     TIMER_TEST_POINT,
 )
 
-_SENSOR_NOISE, _OTHER_NOISE = 1, 2
+_SENSOR_NOISE, _OTHER_NOISE, _RECEIVER_NOISE = 1, 2, 3
 _RAIL_OF_POINT = {f"{rail}_{number}": rail for rail in ("5V", "3V3", "1V2") for number in (1, 2)}
 
 
-def make_unit(seed: int, serial: str, flash: dict[str, Any] | None = None) -> EmulatedUnit:
-    """The unit of this serial number in the lot of this seed, with what its flash kept (None: new)."""
-    return GncModule(draw_unit(seed, serial), flash)
+def make_unit(
+    seed: int, serial: str, flash: dict[str, Any] | None = None, twin: Twin | None = None
+) -> EmulatedUnit:
+    """The unit of this serial number in the lot of this seed, with what its flash kept (None: new).
+
+    `twin`: other effects of its sensors, receiver and crystal than the drawn ones.
+
+    Raises:
+        TestloomError: the twin is another product's.
+    """
+    return GncModule(draw_unit(seed, serial), flash, twin)
 
 
 class GncModule:
     """See `EmulatedUnit`. Noise differs from power-on to power-on and depends on nothing else but the unit
     and the bench time of the power-on, so that the same day at a bench gives the same bytes."""
 
-    def __init__(self, truth: UnitTruth, flash: dict[str, Any] | None = None) -> None:
-        self._truth = truth
+    def __init__(
+        self, truth: UnitTruth, flash: dict[str, Any] | None = None, twin: Twin | None = None
+    ) -> None:
+        if twin is not None:
+            check_product(twin)
+            truth = dataclasses.replace(truth, crystal_error=crystal_error(twin))
+        self._truth, self._twin = truth, twin
         self._flash = Flash.from_image(flash) if flash is not None else Flash()
         self._surroundings: Surroundings | None = None
         self._state = PowerState.OFF
@@ -137,12 +154,16 @@ class GncModule:
         self._flash = self._flash.after_power_on()
         occasion = (self._flash.power_cycles, round(now_s * 1e6))
         truth = self._truth
-        sensors = InertialSensors(truth, unit_seed(truth.seed, truth.serial, _SENSOR_NOISE, *occasion), now_s)
+        seed = unit_seed(truth.seed, truth.serial, _SENSOR_NOISE, *occasion)
+        made_of, place = sensor_unit(truth, self._twin), self._surroundings
+        sensors = InertialSensors(made_of, seed, now_s, place.effects)
+        seed = unit_seed(truth.seed, truth.serial, _RECEIVER_NOISE, *occasion)
+        receiver = GnssReceiver(truth.gnss, made_of.twin, seed, now_s, place, place.effects)
         rng = np.random.Generator(
             np.random.SFC64(unit_seed(truth.seed, truth.serial, _OTHER_NOISE, *occasion))
         )
         hardware = Hardware(
-            truth, self._surroundings, sensors, rng, now_s, self._flash, self._supply_v, self._routed_v
+            truth, place, sensors, receiver, rng, now_s, self._flash, self._supply_v, self._routed_v
         )
         self._boot(hardware, PowerEvent.SUPPLY_GOOD, now_s)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from dut_emulator.effects.deterministic import Matrix, Triple
+from dut_emulator.effects.parameters import ZERO_MATRIX, Matrix, Triple
 from protocol.gnc_module import SelfTest
 
 
@@ -55,26 +55,35 @@ class TriadTruth:
     noise_density_si: Triple
     bias_instability_si: Triple
     correlation_time_s: float
+    scale_factor_temperature_per_c: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class MagnetometerTruth:
-    """Magnetometer: scale, hard iron and noise of a sample."""
+    """Scale, hard iron, noise of a sample; `soft_iron` is symmetric, its diagonal is in the scale."""
 
     scale_factor_error: Triple
     bias_t: Triple
     noise_t: float
+    soft_iron: Matrix = ZERO_MATRIX
+    scale_factor_temperature_per_c: Triple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class GnssTruth:
-    """Receiver. `position_error_m`: east, north, up. Without acquisition there is no fix."""
+    """Receiver. `position_error_m`: east, north, up. Without acquisition there is no fix.
+
+    `antenna_arm_m`: from the unit to the antenna, body axes. `multipath_m`: deviation, horizontal.
+    """
 
     acquires: bool
     satellites_used: int
     position_error_m: Triple
     speed_error_m_s: float
     pulse_error_s: float
+    latency_s: float = 0.0
+    antenna_arm_m: Triple = (0.0, 0.0, 0.0)
+    multipath_m: float = 0.0
 
 
 @dataclass(frozen=True)
