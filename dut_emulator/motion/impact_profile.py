@@ -30,8 +30,8 @@ KINDS: tuple[ProfileKind, ...] = (
         "pure lag: the time from a jump of the rate to the first frame that shows it",
         (
             ProfileParameter("shots", 31, "1", 1, 20_000, "how many impacts; a whole number"),
-            ProfileParameter("peak_rate", 40.0, "deg/s", 1.0, 200.0, "rate right after an impact"),
-            ProfileParameter("spacing", 1.0, "s", 0.05, 60.0, "from one impact to the next, rest included"),
+            ProfileParameter("peak_rate_deg_s", 40.0, "deg/s", 1.0, 200.0, "rate right after an impact"),
+            ProfileParameter("spacing_s", 1.0, "s", 0.05, 60.0, "from one impact to the next, rest included"),
             ProfileParameter(
                 "next_frame_us",
                 RANDOM_INSTANT,
@@ -44,7 +44,12 @@ KINDS: tuple[ProfileKind, ...] = (
                 "step_us", 0.0, "us", -2000.0, 2000.0, "programmed impacts: how much later it does each time"
             ),
             ProfileParameter(
-                "frame_rate", 2000.0, "Hz", 500.0, 4000.0, "frame rate that programmed impacts are timed for"
+                "frame_rate_hz",
+                2000.0,
+                "Hz",
+                500.0,
+                4000.0,
+                "frame rate that programmed impacts are timed for",
             ),
         ),
     ),

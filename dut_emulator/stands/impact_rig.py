@@ -138,7 +138,8 @@ class ImpactRun:
         self, table: TableSurroundings, impacts: Impacts, triggers_s: FloatArray, spacing_s: float
     ) -> None:
         self._table, self._impacts, self._triggers_s = table, impacts, triggers_s
-        self._armed_s: FloatArray = np.arange(len(triggers_s), dtype=np.float64) * spacing_s
+        # a frame that comes with the slot's start belongs to it, however the instants are rounded
+        self._armed_s: FloatArray = np.arange(len(triggers_s), dtype=np.float64) * spacing_s - 1e-9
         self._duration_s = len(triggers_s) * spacing_s
 
     @property
@@ -207,15 +208,15 @@ class ImpactRig:
         """Impacts with these values. Raises as `RecordingStand.run`."""
         shots = self._checked(profile, values)
         rng = _generator(self._seed, _RUN)
-        spacing_s = values["spacing"]
-        jumps, jitter_s = strike(values["peak_rate"], shots, rng)
+        spacing_s = values["spacing_s"]
+        jumps, jitter_s = strike(values["peak_rate_deg_s"], shots, rng)
         slots_s = np.arange(shots) * spacing_s
         # the slot's first part is the last shot's way to rest, its end this shot's
         ready_s = slots_s + REST_BEFORE_S
         if values["next_frame_us"] < 0:
             times_s = ready_s + scattered_release_s(shots, rng)
         else:
-            frame_s = 1.0 / values["frame_rate"]
+            frame_s = 1.0 / values["frame_rate_hz"]
             ahead_s = (values["next_frame_us"] + values["step_us"] * np.arange(shots)) * 1e-6 % frame_s
             frames_s = (np.ceil(ready_s / frame_s - 1e-9) + 1.0) * frame_s
             times_s = frames_s - ahead_s + programmed_error_s(shots, rng)
@@ -227,7 +228,7 @@ class ImpactRig:
         name = self.identity.stand_id
         if profile != PROFILE:
             raise beyond_limit(name, f"The rig cannot do '{profile}'.", f"it can do: {PROFILE}.")
-        shots, peak, spacing_s = values["shots"], values["peak_rate"], values["spacing"]
+        shots, peak, spacing_s = values["shots"], values["peak_rate_deg_s"], values["spacing_s"]
         if shots != round(shots):
             raise beyond_limit(name, f"{shots:g} shots cannot be fired.", "give a whole number.")
         low, high = PEAK_RATE_DEG_S

@@ -69,11 +69,11 @@ class LiveImpactRig:
         self._forgotten_triggers = 0
         self._cocked_from_s = math.inf
         self._rest_from_s = -math.inf
+        self._stream_from_s = math.inf
         self._pending: list[bytes] = []
         self.peak_deg_s = DEFAULT_PEAK_DEG_S
         self.shots = 0
         self.fault = "none"
-        self.streaming = False
 
     @property
     def effects(self) -> tuple[CatalogueEffect, ...]:
@@ -85,10 +85,15 @@ class LiveImpactRig:
         return self._table.stimulus(self._impacts, times_s)
 
     def take_frames(self, frames: NDArray[np.uint8], received_s: FloatArray) -> None:
-        """Stamp the unit's frames; they leave on the stream if somebody has switched it on."""
-        if self.streaming:
-            since = since_trigger_s(received_s, self._armed_s, self._triggers_s)
-            self._pending.append(make_records(frames, stamp_of(since), received_s))
+        """Stamp the unit's frames; they leave on the stream from when somebody has switched it on."""
+        wanted = received_s >= self._stream_from_s
+        if wanted.any():
+            since = since_trigger_s(received_s[wanted], self._armed_s, self._triggers_s)
+            self._pending.append(make_records(frames[wanted], stamp_of(since), received_s[wanted]))
+
+    def stream(self, on: bool, now_s: float) -> None:
+        """Switch the stream on or off."""
+        self._stream_from_s = now_s if on else math.inf
 
     def records(self) -> bytes:
         """What has been stamped since the last call."""
@@ -226,7 +231,7 @@ class ImpactRigPort:
                 rig.safe(now_s)
                 return "OK"
             case "STRE", True if argument.upper() in ("ON", "OFF"):
-                rig.streaming = argument.upper() == "ON"
+                rig.stream(argument.upper() == "ON", now_s)
                 return "OK"
             case _, False if word in _QUERIES:
                 return self._answer(word, now_s)

@@ -32,8 +32,8 @@ from protocol.fog import (
 )
 from protocol.units_of_measure import conversion_factor
 
-_SLOW_RATE_HZ = 500.0
-"""For tests of minutes and hours: the least frame rate."""
+_SLOW_RATE_HZ, _THERMAL_RATE_HZ = 500.0, 20.0
+"""Frame rates for tests of minutes and of hours."""
 
 
 class Fog:
@@ -45,7 +45,7 @@ class Fog:
         "static": Mounting("three_axis_turntable", _SLOW_RATE_HZ),
         "rate_staircase": Mounting("three_axis_turntable", _SLOW_RATE_HZ),
         "sweep": Mounting("three_axis_turntable", DEFAULT_FRAME_RATE_HZ),
-        "temperature_ramp": Mounting("thermal_turntable", _SLOW_RATE_HZ),
+        "temperature_ramp": Mounting("thermal_turntable", _THERMAL_RATE_HZ),
     }
 
     def twin(self, seed: int, serial: str) -> Twin:

@@ -19,7 +19,8 @@ Smooth motion takes Radau's rule with two nodes, exact for parabolas: y = (u(t) 
 input jumps between the nodes (an impact), the integral is a mean over 1024 ages of equal weight instead:
 1/1024 of the jump, 0.05 µs of its instant. Jumps below 0.5 °/s may go unseen and come out in two halves.
 
-Out of scope: a pole per range, and delays of the temperature's reading.
+Out of scope: what the decimation window does beside its delay (it shows where the motion changes within a
+window: at low frame rates), and a delay of the temperature's reading.
 """
 
 import dataclasses

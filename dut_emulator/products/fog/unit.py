@@ -36,6 +36,9 @@ LINK = "rs422"
 BOOT_S = 0.5
 QUERY_PROCESSING_S = 60e-6
 ANSWER_S = QUERY_PROCESSING_S + FRAME_TRANSMISSION_S
+BLOCK_S = 0.05
+"""Of broadcast frames, when nobody stops time earlier; each still has its own instant."""
+MAX_FRAMES_PER_OUTPUT = 8192
 RUNNING_A = 0.6
 """At 5 V: light source, cooler, electronics."""
 _INSTANT_TOLERANCE_S = 1e-9
@@ -85,14 +88,15 @@ class FogUnit(StandUnit):
     def _run_to(self, now_s: float) -> list[LinkOutput]:
         passed_s = now_s - self._first_s + _INSTANT_TOLERANCE_S
         ripe = math.floor(passed_s * self._rate_hz) + 1 if passed_s >= 0 else 0
-        if ripe > self._sent_of_row:
-            numbers = np.arange(self._sent_of_row, ripe)
-            self._sent_of_row = ripe
-            return self._frames(self._first_s + numbers / self._rate_hz)
+        left: list[LinkOutput] = []
+        while ripe > self._sent_of_row:
+            numbers = np.arange(self._sent_of_row, min(ripe, self._sent_of_row + MAX_FRAMES_PER_OUTPUT))
+            self._sent_of_row += len(numbers)
+            left += self._frames(self._first_s + numbers / self._rate_hz)
         if now_s + _INSTANT_TOLERANCE_S >= self._answer_s:
             answer_s, self._answer_s = self._answer_s, math.inf
-            return self._frames(np.array([answer_s]))
-        return []
+            left += self._frames(np.array([answer_s]))
+        return left
 
     def _frames(self, received_s: FloatArray) -> list[LinkOutput]:
         """Frames with these last bytes, as one block."""
@@ -137,7 +141,8 @@ class FogUnit(StandUnit):
                 self._status |= FrameStatus.COMMAND_REFUSED
 
     def _next_event_s(self) -> float | None:
-        due_s = min(self._first_s + self._sent_of_row / self._rate_hz, self._answer_s)
+        block = max(round(BLOCK_S * self._rate_hz), 1)
+        due_s = min(self._first_s + (self._sent_of_row + block - 1) / self._rate_hz, self._answer_s)
         return due_s if math.isfinite(due_s) else None
 
     def _running_current_a(self) -> float:
