@@ -64,17 +64,13 @@ def profile_table(kind: ProfileKind) -> Table:
 def twin_table(twin: Twin, name: str) -> Table:
     """A unit's effects: every parameter that is not at its default, in the floor's units."""
     table = Table(title=Text(name))
-    for heading in (say("Effect"), say("Acts on"), say("Parameter")):
-        table.add_column(heading, no_wrap=True)
+    table.add_column(f"{say('Effect')}, {say('Parameter')}", no_wrap=True)
     table.add_column(say("True value"), overflow="fold")
     for effect in twin.effects:
-        rows = _changed_fields(effect)
-        for number, (field, shown) in enumerate(rows or [("", "–")]):
-            first = number == 0
-            table.add_row(
-                name_of(effect) if first else "", effect.sensor if first else "", field, Text(shown)
-            )
-        table.add_section()
+        acts_on = f" ({effect.sensor})" if effect.origin else ""
+        table.add_row(Text(name_of(effect) + acts_on, style="bold"))
+        for field, shown in _changed_fields(effect):
+            table.add_row(f"  {field}", Text(shown))
     return table
 
 
