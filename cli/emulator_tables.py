@@ -136,4 +136,5 @@ def _shown(value: Any, unit: str) -> str:
         shown_unit, factor = smaller, conversion_to(unit, smaller)
     rows = np.atleast_2d(values * factor)
     lines = [", ".join(f"{number:.5g}" for number in row) for row in rows]
-    return "\n".join(lines) + ("" if shown_unit == "1" else f" {shown_unit}")
+    unit_below = "\n" if " per " in shown_unit else " "  # a line may not break inside the unit
+    return "\n".join(lines) + ("" if shown_unit == "1" else unit_below + shown_unit)
