@@ -1,8 +1,9 @@
 # pyright: strict
 """The unit's attitude algorithm: strapdown by quaternions, corrected by gravity while its gates are open.
 
-Level frame: z up, its heading that of power-on. Roll, pitch and yaw turn about body x, y, z:
-C_body_from_level = Rx(roll) Ry(pitch) Rz(yaw), as a turntable's inner, middle and outer angle.
+Body axes are x forward, y left, z up; the level frame is z up with the heading of power-on. Roll is right side
+down, pitch nose up, yaw clockwise: C_body_from_level = Rx(roll) Ry(−pitch) Rz(−yaw). With the unit on a
+turntable at zero heading they are the inner angle, less the middle one, less the outer one.
 
 Gyros are integrated at every sample (trapezoid). Every `BLOCK` samples, if the gates were open throughout,
 the mean specific force f is held against the up direction u that the attitude gives: e = f/|f| × u turns the
@@ -156,8 +157,12 @@ class AttitudeFilter:
         for place in range(1, BLOCK):
             turns[:, place] = _product(turns[:, place - 1], turns[:, place])
         cut = whole * BLOCK
-        means = _block_means(before[1 : cut + 1], force[:cut], steady[:cut])
-        starts, corrections, aligned = self._correct(turns[:whole, -1], *means, estimate, rows)
+        rates, forces = _block_means(before[1 : cut + 1]), _block_means(force[:cut])
+        open_blocks: NDArray[np.bool_] = np.logical_and.reduce(steady[:cut].reshape(-1, BLOCK), axis=1)
+        open_blocks &= np.less(_length(rates), self._limits.rate_rad_s)  # what is smoothed comes late
+        starts, corrections, aligned = self._correct(
+            turns[:whole, -1], rates, forces, open_blocks, estimate, rows
+        )
         parts = np.arange(1, BLOCK + 1) / (2.0 * BLOCK)
         halves = _rotation((corrections[:, np.newaxis, :] * parts[:, np.newaxis]).reshape(-1, 3))
         attitude = _product(np.repeat(starts, BLOCK, axis=0), halves)
@@ -206,20 +211,16 @@ class AttitudeFilter:
 
 
 def roll_pitch_yaw_rad(attitude: FloatArray) -> FloatArray:
-    """(n, 4) → (n, 3), roll and yaw in (−π, π], pitch in [−π/2, π/2]."""
+    """(n, 4) → (n, 3), roll and yaw in [−π, π], pitch in [−π/2, π/2]."""
     w, x, y, z = attitude.T
     roll = np.arctan2(2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
-    yaw = np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+    pitch = np.arcsin(np.clip(2 * (x * z - w * y), -1.0, 1.0))
+    yaw = np.arctan2(-2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
     return np.stack([roll, pitch, yaw], axis=1)
 
 
-def _block_means(
-    rate: FloatArray, force: FloatArray, steady: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    shape = (-1, BLOCK, 3)
-    throughout: NDArray[np.bool_] = np.logical_and.reduce(steady.reshape(-1, BLOCK), axis=1)
-    return rate.reshape(shape).mean(axis=1), force.reshape(shape).mean(axis=1), throughout
+def _block_means(values: FloatArray) -> FloatArray:
+    return np.asarray(values.reshape(-1, BLOCK, 3).mean(axis=1), dtype=np.float64)
 
 
 def _length(vectors: FloatArray) -> FloatArray:
@@ -290,6 +291,6 @@ def _tilt(attitude: Quaternion, force: Vector) -> Vector:
 
 def _levelled(fx: float, fy: float, fz: float) -> Quaternion:
     """From one specific force, heading 0."""
-    roll, pitch = math.atan2(fy, fz), math.atan2(-fx, math.hypot(fy, fz))
-    about_y = (math.cos(pitch / 2), 0.0, math.sin(pitch / 2), 0.0)
+    roll, pitch = math.atan2(fy, fz), math.atan2(fx, math.hypot(fy, fz))
+    about_y = (math.cos(pitch / 2), 0.0, -math.sin(pitch / 2), 0.0)
     return _times(about_y, (math.cos(roll / 2), math.sin(roll / 2), 0.0, 0.0))

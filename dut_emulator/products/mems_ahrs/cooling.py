@@ -177,7 +177,7 @@ def exceedances(temperatures_c: FloatArray) -> tuple[Exceedance, ...]:
 
 @dataclass(frozen=True)
 class ThermalFigures:
-    """A warm-up from ambient: `temperature_c` (n, 7) in the order of `NODES`, `infrared_c` (n, 3) at the test points."""
+    """A warm-up: `temperature_c` (n, 7) in the order of `NODES`, `infrared_c` (n, 3) at the test points."""
 
     time_s: FloatArray
     temperature_c: FloatArray

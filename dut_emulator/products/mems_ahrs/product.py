@@ -91,6 +91,7 @@ class MemsAhrs:
         return {
             "gyro": _believed_triad(twin, "gyro", "deg/s", rate_noise, "deg/h"),
             "acc": _believed_triad(twin, "acc", "g", ("velocity_random_walk", "m/s/sqrt(h)"), "mg"),
+            "earth_rate": True,
         }
 
     def begin(self, unit: UnitOnStand) -> UnitStreams:
@@ -181,7 +182,7 @@ def _believed_triad(
             "unit_spread": NOISE_UNIT_SPREAD,
             "correlation_time_s": BIAS_CORRELATION_TIME_S,
         },
-        "quantum": quantum_si / si,
+        "quantum": quantum_si / si or None,
         "range": range_si / si if np.isfinite(range_si) else None,
         "bandwidth_hz": 1.0 / (2.0 * np.pi * lag_s) if lag_s else None,
     }
