@@ -31,24 +31,23 @@ _SMALL = 0.01
 """A value below it is shown in the smaller unit."""
 
 
-def products_table(products: list[Product]) -> Table:
-    """Which profile of which product runs on which stand, and at what rate the unit samples."""
+def products_table(products: list[Product]) -> Group:
+    """Which profile of which product runs on which stand, at what rate the unit samples; what they are for."""
     table = Table(title=say("Products, their profiles and stands"))
     for heading in (say("Product"), say("Profile"), say("Stand")):
         table.add_column(heading, no_wrap=True)
     table.add_column(say("Rate"), justify="right", no_wrap=True)
-    table.add_column(say("What it is for"))
     for product in products:
         for number, (profile, mounting) in enumerate(product.profiles.items()):
-            table.add_row(
-                product.name if number == 0 else "",
-                profile,
-                mounting.stand,
-                f"{mounting.rate_hz:g} Hz",
-                PROFILES[profile].reveals,
-            )
+            name = product.name if number == 0 else ""
+            table.add_row(name, profile, mounting.stand, f"{mounting.rate_hz:g} Hz")
         table.add_section()
-    return table
+    reveals = Table(title=say("Profiles"))
+    reveals.add_column(say("Profile"), no_wrap=True)
+    reveals.add_column(say("What it is for"))
+    for profile in dict.fromkeys(profile for product in products for profile in product.profiles):
+        reveals.add_row(profile, Text(PROFILES[profile].reveals))
+    return Group(table, reveals)
 
 
 def profile_table(kind: ProfileKind) -> Table:

@@ -75,6 +75,8 @@ def with_effect(
 
 
 def _factor(name: str, unit: str, declared: str) -> float:
+    if unit == declared:  # a profile may have a unit that nothing else has: degC/min
+        return 1.0
     try:
         return conversion_to(unit, declared)
     except TestloomError as error:

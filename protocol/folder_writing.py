@@ -27,6 +27,8 @@ from protocol.stream_files import StreamFormat, for_arrow
 ROWS_PER_WRITE = 65_536
 """So many samples of a stream are gathered before they go to the disk: a row group of Parquet."""
 COPY_BYTES = 1 << 20
+ZIP_LEVEL = 1
+"""Samples are mostly noise: more effort takes several times as long for some percent of the size."""
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -198,7 +200,7 @@ class _NpzFile:
                 file.write(np.ascontiguousarray(columns[name]).data)
 
     def finish(self) -> None:
-        with zipfile.ZipFile(self._path, "x", zipfile.ZIP_DEFLATED) as archive:
+        with zipfile.ZipFile(self._path, "x", zipfile.ZIP_DEFLATED, compresslevel=ZIP_LEVEL) as archive:
             for name, raw in self._raw.items():
                 kind = np.dtype(self._types[name])
                 header = {
