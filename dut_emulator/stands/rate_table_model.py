@@ -209,9 +209,9 @@ class RateTableModel:
         axis = next((number for number, angles in POSE_DEG.items() if angles == pose), 0)
         return RateTableStatus(
             self._state(now_s),
-            rate_deg_s,
+            round(rate_deg_s / RATE_QUANTUM_DEG_S) * RATE_QUANTUM_DEG_S,
             self._commanded_deg_s,
-            angle_deg % 360.0,
+            round(angle_deg / ANGLE_QUANTUM_DEG) * ANGLE_QUANTUM_DEG % 360.0,
             axis,
             self._place.temperature_c,
         )

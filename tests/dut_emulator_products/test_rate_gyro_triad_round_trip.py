@@ -17,6 +17,7 @@ from dut_emulator.effects.effect import name_of
 from dut_emulator.products.rate_gyro_triad.product import PRODUCT
 from dut_emulator.recording.order import LABORATORY
 from dut_emulator.recording.recorder import recorded
+from dut_emulator.stands.rate_table_model import drawn_errors
 from protocol.recordings import Recording
 
 K = 0.050698 / math.radians(1.0)
@@ -128,6 +129,19 @@ def test_sensitivity_and_intercept_come_back_within_their_uncertainties(calibrat
     assert within(of_k), of_k
     assert within(of_y0), of_y0
     assert np.std(of_k) > 0.3, "an uncertainty that is far too large tells nothing"
+
+
+def test_one_table_s_rate_error_is_in_all_axes_of_its_unit(calibrations) -> None:
+    """What only another table tells apart from the unit's scale factor: the same share for three axes."""
+    shares = [effects[0].share for effects in map(drawn_errors, range(len(UNITS)))]
+    found = np.array(
+        [
+            one.lines["least_squares"].sensitivity_v_per_rad_s / truth.sensitivity - 1
+            for _, one, truth in calibrations
+        ]
+    ).reshape(-1, 3)
+    np.testing.assert_allclose(found, np.array(shares)[:, np.newaxis].repeat(3, axis=1), atol=6e-5)
+    assert np.corrcoef(found.mean(axis=1), shares)[0, 1] > 0.8
 
 
 def test_linearity_and_hysteresis_come_back_within_their_uncertainties(calibrations) -> None:

@@ -167,6 +167,12 @@ def test_an_open_door_brakes_and_refuses_until_it_is_closed() -> None:
     assert stand.port.command("STAT?", 31.0).startswith("LOCKED,0.000000,")
     with pytest.raises(BenchModelError, match="rate_not_reached"):
         stand.port.inject("fire", 31.0)
+    stand.port.command("TILT 2", 32.0)
+    stand.port.inject("door_open", 34.0)
+    stand.port.inject("none", 40.0)
+    assert stand.port.command("STAT?", 40.0).split(",")[::4] == ["LOCKED", "0"]  # half-way up, and at rest
+    stand.port.command("TILT 2", 40.0)
+    assert stand.port.command("STAT?", 50.0).split(",")[::4] == ["LOCKED", "2"]
 
 
 def test_a_weak_drive_says_that_it_falls_short() -> None:

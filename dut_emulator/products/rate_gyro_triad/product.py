@@ -2,7 +2,12 @@
 """What a rate gyro triad is to whoever records it.
 
 A recording holds the three outputs as integrating converters give them: one power-line cycle (20 ms) for
-each reading, 10 µV at 6½ digits. What a meter's own gain adds is left out: it is the live multimeter's.
+each reading, 10 µV at 6½ digits.
+
+Omitted: what a voltmeter's own gain adds (the live one has it); the spreading of motion over the 20 ms, of
+which noise alone is averaged; the supply's error, for a recording is made at 15 V; the sensors' threshold,
+resonance and rectification of vibration; a lever arm of the sensors, whose centripetal force would reach
+the outputs through the g-sensitivity.
 """
 
 from collections.abc import Mapping

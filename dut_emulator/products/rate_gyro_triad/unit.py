@@ -21,7 +21,7 @@ from dut_emulator.twin import Twin
 
 OUTPUTS = ("OUT_X", "OUT_Y", "OUT_Z")
 PERIOD_S = 4e-3
-BLOCK_S = 1.0
+BLOCK_S = 2.0
 """Outputs are worked out in blocks of at least this time, unless somebody looks."""
 MAX_BLOCK_SAMPLES = 16_384
 HISTORY_S = 5.0
