@@ -1,6 +1,7 @@
 """The FOG's frames and commands: layout by hand, CRC by the bit, any cut, any damage."""
 
 import struct
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def frames_of(count: int, seed: int = 0) -> np.ndarray:
 
 def in_pieces(data: bytes, cuts: list[int]) -> list[bytes]:
     places = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
-    return [data[start:end] for start, end in zip(places, places[1:], strict=False)]
+    return [data[start:end] for start, end in pairwise(places)]
 
 
 def test_a_frame_is_the_documented_bytes() -> None:

@@ -8,6 +8,7 @@ import pytest
 from calibration.algorithms.pure_lag import PAPER_STAMPS
 from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.effects.dynamics import FixedDelay
+from dut_emulator.effects.stochastic import WhiteNoise
 from dut_emulator.products.catalogue import product_named
 from dut_emulator.products.fog import FogUnit, make_unit
 from dut_emulator.products.fog.population import draw_twin
@@ -38,9 +39,9 @@ def on_rig(rate_hz: float, twin: Twin | None = None) -> UnitOnStand:
 
 def test_at_rest_it_says_2000_with_200_counts_of_noise_at_2_khz() -> None:
     board = LevelBoard(SITE)
-    unit = FogUnit(1, "U-0007", Twin("fog", (draw_twin(1, "U-0007").effects[7],)))  # noise alone
-    density = draw_twin(1, "U-0007").effects[7].density_si_per_sqrt_hz[2]
-    share = density / (200 / 20_000 * math.pi / 180 / math.sqrt(2000))
+    (noise,) = (one for one in draw_twin(1, "U-0007").effects if isinstance(one, WhiteNoise))
+    unit = FogUnit(1, "U-0007", Twin("fog", (noise,)))
+    share = noise.density_si_per_sqrt_hz[2] / (200 / 20_000 * math.pi / 180 / math.sqrt(2000))
     assert 0.85 < share < 1.18  # three deviations of 5 %
     unit.insert(board, 0.0)
     unit.set_supply(5.0, 0.0)

@@ -89,7 +89,7 @@ def test_random_impacts_fall_evenly_into_frames_and_triggers_follow_within_nanos
     for rate_hz in (500.0, 1500.0, 2000.0, 4000.0):
         assert kstest(run.impact_times_s * rate_hz % 1.0, "uniform").pvalue > 1e-3
     late = run.trigger_times_s - run.impact_times_s
-    assert 0.0 < late.min()
+    assert late.min() > 0.0
     assert late.max() < 80e-9
     assert 3e-9 < late.std() < 7e-9
     (events,) = run.events()
@@ -108,7 +108,7 @@ def test_stamps_are_the_documented_words() -> None:
     after = np.array([np.nan, 0.0, COUNT_S * 0.999, COUNT_S * 1.0001, 500e-6, 3556.2e-6, 3556.21e-6, 1.0])
     expected = [0x0000, 0x8000, 0x8000, 0x8001, 0x8000 + 4607, 0xFFFE, 0xFFFF, 0xFFFF]
     assert stamp_of(after).tolist() == expected  # 500 / 0.108530 = 4607.0
-    assert COUNT_S == pytest.approx(108.53e-9, abs=5e-12)
+    assert pytest.approx(108.53e-9, abs=5e-12) == COUNT_S
     run = run_of(shots=3)
     trigger = run.trigger_times_s[1]
     assert isinstance(run, StampsFrames)
@@ -142,7 +142,7 @@ def test_the_first_trigger_after_the_last_arming_starts_the_timer(
 )
 def test_what_the_rig_cannot_do_is_refused(values: dict[str, float], what: str) -> None:
     with pytest.raises(TestloomError, match=re.escape(what)) as refused:
-        run_of(**values)
+        run_of(1, **values)
     assert "give" in refused.value.remedy
 
 
@@ -151,7 +151,7 @@ def test_the_spacing_that_a_refusal_names_is_enough() -> None:
         run_of(spacing_s=0.5, shots=200.0)
     (least,) = re.findall(r"[\d.]+(?= s,)", refused.value.remedy)
     run = run_of(spacing_s=float(least), shots=200.0)
-    at_slots = run.stimulus(np.arange(200) * float(least)).channel("rate_rad_s")[:, 2]
+    at_slots = run.stimulus(np.arange(200.0) * float(least)).channel("rate_rad_s")[:, 2]
     np.testing.assert_allclose(at_slots, EARTH_UP_RAD_S, rtol=1e-12)
 
 

@@ -2,8 +2,8 @@
 """The lot: each gyro's effects, drawn by lot seed and serial number.
 
 Two types, A and B, as the two gyros of paper 3: 242.23 and 347.55 µs of pure lag. A serial number that
-begins with 'B' is one of type B, any other of type A. All figures are those of a tactical gyro; an entry
-(0, 0, v) says that only the z axis has a sensor.
+begins with 'B' is one of type B, any other of type A. All figures are those of a tactical gyro. Only body z
+has a sensor: the scale factor errors of x and y are −1, and nothing of theirs leaves the unit.
 
 Sources: P3 paper 3 · IEEE 952 for the terms · TL stated by this project inside the usual spans.
 """
@@ -60,7 +60,9 @@ def draw_twin(seed: int, serial: str) -> Twin:
     per_c_minute = DEG_H * 60  # °/h for each °C/min
     effects: tuple[CatalogueEffect, ...] = (
         Misalignment("gyro", (ZERO, ZERO, _input_axis(draw))),
-        ScaleFactorError("gyro", _z(draw.normal("scale_factor", 0.0, Spread(unit=150e-6, lot=50e-6)))),
+        ScaleFactorError(
+            "gyro", (-1.0, -1.0, draw.normal("scale_factor", 0.0, Spread(unit=150e-6, lot=50e-6)))
+        ),
         Bias("gyro", _z(DEG_H * draw.normal("bias", 0.0, Spread(unit=3.0, lot=1.0)))),
         BiasTemperature("gyro", (_z(DEG_H * draw.normal("bias_c1", 0.0, Spread(unit=0.04, lot=0.01))),)),
         ScaleFactorTemperature("gyro", (_z(draw.normal("scale_c1", 20e-6, Spread(unit=6e-6, lot=3e-6))),)),

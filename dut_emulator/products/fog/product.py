@@ -34,6 +34,8 @@ from protocol.units_of_measure import conversion_factor
 
 _SLOW_RATE_HZ, _THERMAL_RATE_HZ = 500.0, 20.0
 """Frame rates for tests of minutes and of hours."""
+_TEMPERATURE_STEPS = round(1 / TEMPERATURE_LSB_C)
+"""In a °C: dividing by a whole number gives the nearest double of what is meant."""
 
 
 class Fog:
@@ -119,7 +121,7 @@ class FogStreams:
         columns: dict[str, NDArray[Any]] = {
             "t": times_s[there],
             "gyro_z": samples.rate[there],
-            "temp": samples.temperature[there] * TEMPERATURE_LSB_C,
+            "temp": samples.temperature[there] / _TEMPERATURE_STEPS,
             "counter": counters[there],
         }
         if self._stamping is not None:
