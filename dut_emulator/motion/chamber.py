@@ -16,6 +16,7 @@ from dut_emulator.motion.axis_motion import FloatArray
 ROOM_C = 23.0
 MAX_NODES = 512
 """Of a path that is told step by step; older ones are forgotten."""
+_NO_STEP_C = 1e-6
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class AirPath:
         slopes = [
             60.0 * step / length if length else math.inf
             for step, length in zip(steps.tolist(), lengths.tolist(), strict=True)
-            if step
+            if step > _NO_STEP_C
         ]
         return max(slopes, default=0.0)
 

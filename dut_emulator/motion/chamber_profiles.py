@@ -1,5 +1,5 @@
 # pyright: strict
-"""What a chamber, and the axis inside it, are told: temperature ramps, soaks, positions.
+"""What a chamber, and the axis inside it, are told: temperature ramps, soaks, positions, rates.
 
 The stand's axis is horizontal. With body x along it, it reaches y and z up and down; the unit is mounted
 again, with body y or z along it, for the others: each mount is a recording of its own.
@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dut_emulator.motion.axis_pieces import staircase_pieces
 from dut_emulator.motion.chamber import ROOM_C, AirPath
 from dut_emulator.motion.profile import ProfileKind, ProfileParameter
 from dut_emulator.motion.schedule import Drives, Schedule, ScheduleBuilder
@@ -29,14 +30,17 @@ KINDS: tuple[ProfileKind, ...] = (
     ),
     ProfileKind(
         "thermal_positions",
-        "accelerometers' scale factors and biases at soak temperatures, two axes at each mount",
+        "scale factors and biases at soak temperatures: accelerometers' of two axes, a gyro's of the third",
         (
             _COLD,
             _HOT,
             _RAMP,
             _SOAK,
             ProfileParameter("levels", 4.0, "1", 2.0, 30.0, "soak temperatures, equally spaced"),
-            ProfileParameter("dwell_s", 10.0, "s", 1.0, 3600.0, "rest in each position"),
+            ProfileParameter("dwell_s", 10.0, "s", 1.0, 3600.0, "rest in each position, and at each rate"),
+            ProfileParameter(
+                "rate_deg_s", 0.0, "deg/s", 0.0, 400.0, "then turned forth and back at this rate; 0: not"
+            ),
             ProfileParameter("mount", 1.0, "1", 1.0, 3.0, "body axis along the stand's: 1 x, 2 y, 3 z"),
         ),
     ),
@@ -60,13 +64,18 @@ def chamber_schedule(
         return builder.schedule(), air
     levels = np.linspace(values["cold_c"], values["hot_c"], _whole(profile, values, "levels")).tolist()
     legs: list[tuple[float, float, float]] = []
-    present_c = ROOM_C
+    present_c, rate = ROOM_C, values["rate_deg_s"]
     for target in levels:
         builder.rest(abs(target - present_c) * 60.0 / ramp + soak_s)
         began_s = builder.now_s
         for turn in QUARTER_TURNS_DEG:
             builder.move({axis: drives.home_deg[axis] + turn})
             builder.rest(values["dwell_s"])
+        if rate:
+            levels_deg_s = (rate, 0.0, -rate, 0.0)
+            acceleration = drives.positioning_acceleration_deg_s2
+            turning = staircase_pieces(levels_deg_s, values["dwell_s"], acceleration, builder.angle(axis))
+            builder.go(axis, *turning)
         legs.append((target, ramp, soak_s + builder.now_s - began_s))
         present_c = target
     return builder.schedule(), AirPath.through(ROOM_C, legs)

@@ -120,6 +120,8 @@ def what_fits(profile: str, values: Mapping[str, float], excess: Excess) -> str:
         case "tumble":
             name = "spin_deg_s" if values["spin_deg_s"] > values["rate_deg_s"] else "rate_deg_s"
             return f"give {name} of at most {excess.limit:g}."
+        case "thermal_positions":
+            return f"give rate_deg_s of at most {excess.limit:g}."
         case _:
             return "choose another stand."
 

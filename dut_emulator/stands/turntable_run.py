@@ -114,8 +114,8 @@ class TurntableRun:
         parts = (report.rate_rad_s, report.specific_force_m_s2, report.field_t, report.angles_rad)
         columns: dict[str, NDArray[Any]] = {}
         for (name, unit, names), values in zip(_COLUMNS, parts, strict=True):
-            factor = factor_to_si(unit)
-            columns |= {f"{name}_{part}": values[:, index] / factor for index, part in enumerate(names)}
+            in_unit = values / factor_to_si(unit) + 0.0  # a zero has no sign
+            columns |= {f"{name}_{part}": in_unit[:, index] for index, part in enumerate(names)}
         return columns | {"temp": rounded(self._air.at(times_s), PROBE_QUANTUM_C)}
 
     def events(self) -> tuple[EventStream, ...]:

@@ -151,6 +151,16 @@ def test_mounts_in_the_chamber_reach_two_axes_each() -> None:
     assert len(reached[1] | reached[2]) == 6
 
 
+def test_rates_at_soak_temperatures_are_turned_both_ways() -> None:
+    run = run_of("thermal_turntable", "thermal_positions", mount=2, levels=3, dwell_s=20.0, rate_deg_s=300.0)
+    times = np.arange(0.0, run.duration_s, 0.5)
+    said = run.reading(times)
+    for rate in (300.0, -300.0):
+        at_rate = np.abs(said["rate_y"] - rate) < 1e-4
+        assert at_rate.sum() == pytest.approx(3 * 40, abs=6)
+        assert np.unique(np.round(said["temp"][at_rate], 6)) == pytest.approx([-40.0, 15.0, 70.0])
+
+
 def test_positions_are_taken_when_the_air_has_stood_long_enough() -> None:
     run = run_of("thermal_turntable", "thermal_positions", levels=2, soak_s=900.0)
     times = np.arange(0.0, run.duration_s, 0.5)
