@@ -1,12 +1,12 @@
 # pyright: strict
-"""docs/effects.md, written from the catalogue: `python -m dut_emulator.effects.document > docs/effects.md`.
+"""docs/effects.md and its pictures, written from the catalogue: `python -m dut_emulator.effects.document`.
 
-A test holds the file to what this module writes.
+A test holds the files to what this module writes.
 """
 
 import inspect
-import sys
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,10 +15,12 @@ from dut_emulator.effects.catalogue import CATALOGUE, KINDS
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stage, name_of
 from dut_emulator.effects.parameters import Declaration, declarations, range_for, unit_for
+from dut_emulator.effects.pictures import caption, pictures
 
 _OPENING = """# The catalogue of effects
 
-Written by `python -m dut_emulator.effects.document > docs/effects.md`; a test holds it to the code.
+Written by `python -m dut_emulator.effects.document`, text and pictures; a test holds them to the code. A
+picture is the effect itself, applied to a motion that shows it.
 
 An effect lies between what acts on a sensor and the numbers that arrive. It is a frozen object of parameters
 with a stage; a chain applies a triad's effects stage by stage, since they do not commute:
@@ -61,6 +63,7 @@ def _section(kind: type[CatalogueEffect]) -> str:
     words = kind.word.replace("_", " ")
     lines = [f"## {words[0].upper()}{words[1:]}", "", f"`{'`, `'.join(_names(kind))}`", ""]
     lines += [inspect.cleandoc(kind.__doc__ or ""), ""]
+    lines += [f"![{words}](effects/{kind.word}.svg)", "", f"*Picture:* {caption(kind)}", ""]
     if kind.origin:
         lines += [f"*Acts on:* {', '.join(kind.sensors)}", ""]
     if kind.valid:
@@ -97,5 +100,17 @@ def _shape(default: Any, declaration: Declaration) -> str:
     return "triple of 0" if values.ndim == 1 else "matrix of 0"
 
 
+def write(docs: Path) -> None:
+    """The document and its pictures; pictures of effects that are no more go."""
+    (docs / "effects.md").write_text(document(), encoding="utf-8")
+    folder, drawn = docs / "effects", pictures()
+    folder.mkdir(exist_ok=True)
+    for old in folder.glob("*.svg"):
+        if old.name not in drawn:
+            old.unlink()
+    for name, text in drawn.items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
 if __name__ == "__main__":
-    sys.stdout.write(document())
+    write(Path(__file__).resolve().parents[2] / "docs")

@@ -1,20 +1,67 @@
-"""docs/effects.md says what the catalogue holds."""
+"""docs/effects.md and its pictures say what the catalogue holds."""
 
+import re
 from pathlib import Path
+from xml.etree import ElementTree
 
-from dut_emulator.effects.catalogue import CATALOGUE
+import numpy as np
+import pytest
+
+from dut_emulator.effects.catalogue import CATALOGUE, KINDS
 from dut_emulator.effects.document import document
+from dut_emulator.effects.line_plot import Curve, Plot
+from dut_emulator.effects.pictures import SHOTS, pictures
 
-WRITTEN = Path(__file__).resolve().parents[2] / "docs" / "effects.md"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+WRITE = "python -m dut_emulator.effects.document"
+LARGEST_BYTES = 1_500_000
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+A_PIXEL = 1.0  # another processor may round the last digit of a coordinate otherwise
+
+
+@pytest.fixture(scope="module")
+def drawn() -> dict[str, str]:
+    return pictures()
 
 
 def test_the_document_is_that_of_the_catalogue() -> None:
-    assert WRITTEN.read_text(encoding="utf-8") == document(), (
-        "python -m dut_emulator.effects.document > docs/effects.md"
-    )
+    assert (DOCS / "effects.md").read_text(encoding="utf-8") == document(), WRITE
 
 
 def test_every_effect_is_in_the_document_with_its_limits_of_validity() -> None:
     text = document()
     assert [name for name in CATALOGUE if f"`{name}`" not in text] == []
     assert [name for name, (kind, _) in CATALOGUE.items() if not kind.valid] == []
+
+
+def test_every_effect_has_its_picture_and_the_document_shows_it(drawn: dict[str, str]) -> None:
+    assert set(SHOTS) == {kind.word for kind in KINDS}
+    assert {path.name for path in (DOCS / "effects").glob("*")} == set(drawn), WRITE
+    text = document()
+    assert [name for name in drawn if f"(effects/{name})" not in text] == []
+    assert sum(len(svg.encode()) for svg in drawn.values()) < LARGEST_BYTES
+
+
+def test_the_pictures_are_those_of_the_effects(drawn: dict[str, str]) -> None:
+    for name, svg in drawn.items():
+        kept = (DOCS / "effects" / name).read_text(encoding="utf-8")
+        assert NUMBER.sub("#", kept) == NUMBER.sub("#", svg), f"{name}: {WRITE}"
+        old, new = (np.array(NUMBER.findall(text), dtype=float) for text in (kept, svg))
+        assert np.abs(old - new).max() <= A_PIXEL, f"{name}: {WRITE}"
+
+
+def test_every_picture_has_a_line_and_units_on_both_axes(drawn: dict[str, str]) -> None:
+    for name, svg in drawn.items():
+        root = ElementTree.fromstring(svg)
+        words = [item.text or "" for item in root.iter("{http://www.w3.org/2000/svg}text")]
+        assert sum(", " in word for word in words) == 2, name
+        assert "nan" not in svg, name
+
+
+def test_a_plot_puts_values_where_its_ticks_say() -> None:
+    svg = Plot("time, s", "way, m", (Curve("c", np.array([0.0, 10.0]), np.array([-1.0, 1.0])),)).svg()
+    ((begin, end),) = re.findall(r'd="M([\d.]+ [\d.]+)L([\d.]+ [\d.]+)" fill="none"', svg)
+    x = {text: float(at) for at, text in re.findall(r'<text x="([\d.]+)" y="223"[^>]*>([^<]+)<', svg)}
+    y = {text: float(at) - 4 for at, text in re.findall(r'y="([\d.]+)" text-anchor="end">([^<]+)<', svg)}
+    assert [float(v) for v in begin.split()] == pytest.approx([x["0"], y["-1"]], abs=0.11)
+    assert [float(v) for v in end.split()] == pytest.approx([x["10"], y["1"]], abs=0.11)
