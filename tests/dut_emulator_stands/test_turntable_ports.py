@@ -49,7 +49,10 @@ def test_every_turntable_says_who_it_is_what_it_can_and_until_when_it_is_calibra
     for axis, drive in zip(("outer", "middle", "inner"), driven, strict=True):
         answer = bench.ask(f"ROT {axis},90,4,1")
         assert answer == "OK 4.000000000" if drive else answer.startswith("ERR 15")
-    assert bench.live.surroundings.effects == recording_stand(kind, 5, SITE).effects
+    recording = recording_stand(kind, 5, SITE).effects
+    assert [e for e in bench.live.surroundings.effects if e.word != "remount_misalignment"] == [
+        e for e in recording if e.word != "remount_misalignment"
+    ]
 
 
 def test_the_two_axis_table_keeps_its_third_angle() -> None:
