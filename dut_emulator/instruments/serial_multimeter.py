@@ -8,6 +8,7 @@ Omitted: DTR/DSR (no byte is lost), parity and framing errors, the time that a c
 """
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from dut_emulator.instruments.scanning_voltmeter import AveragedOutputs, ScanningVoltmeter
@@ -25,6 +26,17 @@ class SerialOutput(NamedTuple):
     data: bytes
 
 
+@dataclass
+class _LineSession(Session):
+    """Knows how many errors there were, whether or not the queue could hold them."""
+
+    reported: int = 0
+
+    def report(self, error: ScpiError) -> None:
+        self.reported += 1
+        super().report(error)
+
+
 class SerialMultimeter:
     """The voltmeter at the end of its line. Bench time comes in; calls never go back."""
 
@@ -36,7 +48,7 @@ class SerialMultimeter:
         points: tuple[str, ...] = ("OUT_X", "OUT_Y", "OUT_Z"),
     ) -> None:
         self._meter = ScanningVoltmeter(outputs, seed, serial, points)
-        self._session = Session()
+        self._session = _LineSession()
         self._input = bytearray()
         self._commands: deque[str] = deque()
         """Commands of the lines that have come; '' ends a line."""
@@ -47,20 +59,10 @@ class SerialMultimeter:
     def receive(self, data: bytes, now_s: float) -> None:
         """Bytes have come over the line."""
         self._run_to(now_s)
-        if DEVICE_CLEAR in data:
-            data = data.rpartition(DEVICE_CLEAR)[2]
-            self._clear()
-        self._input += data
-        *lines, rest = bytes(self._input).split(b"\n")
-        self._input = bytearray(rest)
-        for line in lines:
-            parts = (part.strip() for part in line.decode("latin-1").split(";"))
-            self._commands += [*filter(None, parts), ""]
-        longest = max(map(len, (*lines, rest)))
-        if longest > MAX_LINE_BYTES or len(self._commands) > MAX_WAITING_COMMANDS:
-            self._clear()
-            self._session.report(ScpiError(-363))
-        self._work(now_s)
+        for number, segment in enumerate(data.split(DEVICE_CLEAR)):
+            if number:
+                self._clear()
+            self._take_in(segment, now_s)
 
     def next_event_s(self) -> float | None:
         """When the next aperture ends or the next answer has arrived."""
@@ -74,6 +76,22 @@ class SerialMultimeter:
         while self._sent and self._sent[0].time_s <= to_s:
             arrived.append(self._sent.popleft())
         return arrived
+
+    def _take_in(self, data: bytes, now_s: float) -> None:
+        """Lines become commands; a line too long, or for which there is no room, is lost as a whole."""
+        self._input += data
+        *lines, rest = bytes(self._input).split(b"\n")
+        for line in lines:
+            parts = [part.strip() for part in line.decode("latin-1").split(";")]
+            if len(line) > MAX_LINE_BYTES or len(self._commands) + len(parts) > MAX_WAITING_COMMANDS:
+                self._session.report(ScpiError(-363))
+                continue
+            self._commands += [*filter(None, parts), ""]
+            self._work(now_s)
+        if len(rest) > MAX_LINE_BYTES:
+            rest = b""
+            self._session.report(ScpiError(-363))
+        self._input = bytearray(rest)
 
     def _run_to(self, to_s: float) -> None:
         """Apertures that end until then, and what has waited for them."""
@@ -93,11 +111,11 @@ class SerialMultimeter:
             if not command:
                 self._send(now_s)
                 continue
-            errors = len(self._session.errors)
+            reported = self._session.reported
             answer = self._meter.execute(command, self._session, now_s)
             if answer is not None:
                 self._answers.append(answer)
-            if len(self._session.errors) > errors:
+            if self._session.reported > reported:
                 self._skip_line()
 
     def _skip_line(self) -> None:

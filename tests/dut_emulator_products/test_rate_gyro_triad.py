@@ -9,7 +9,8 @@ from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.effects.parameters import check_ranges
 from dut_emulator.products.rate_gyro_triad import RateGyroUnit, make_unit
 from dut_emulator.products.rate_gyro_triad.product import PRODUCT
-from dut_emulator.recording.recorder import recorded
+from dut_emulator.recording.order import RecordingOrder
+from dut_emulator.recording.recorder import RecordingSession, recorded
 from dut_emulator.stands.level_board import LevelBoard
 from dut_emulator.stands.rate_table_model import RateTableModel
 from dut_emulator.twin import Twin, parse_twin, twin_text
@@ -170,3 +171,13 @@ def test_a_recording_without_errors_is_the_motion_itself() -> None:
     volts = recording.stream("dut").columns
     assert volts["volt_z"] == pytest.approx(round(K_V_PER_DEG_S * EARTH_DEG_S, 5), abs=1e-12)
     assert not volts["volt_x"].any()  # the stand's x axis points east
+
+
+def test_a_recording_does_not_know_of_its_chunks() -> None:
+    values = {"axis": 2.0, "cycles": 1.0, "dwell_s": 0.3, "settle_s": 0.1, "rest_s": 0.5}
+    session = RecordingSession(RecordingOrder("rate_gyro_triad", "eleven_point", values, seed=6))
+    cut, whole = (
+        np.concatenate([chunk["dut"]["volt_y"] for _, chunk in session.chunks(size) if "dut" in chunk])
+        for size in (97, 100_000)
+    )
+    np.testing.assert_array_equal(cut, whole)

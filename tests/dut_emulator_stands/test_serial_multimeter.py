@@ -1,9 +1,12 @@
 """The voltmeter on RS-232: what it reads, how long it takes, what it refuses."""
 
+import itertools
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.instruments.scanning_voltmeter import BOUNDS
@@ -153,6 +156,11 @@ def test_each_mistake_has_its_number_and_ends_its_line() -> None:
         terminal.meter.receive(b"X" * 5000 + end, terminal.now_s)
         assert terminal.error().startswith("-363,")
         assert terminal.error() == '0,"No error"'
+    for _ in range(70):
+        terminal.write("READ?")  # more than can wait
+    assert terminal.meter.advance(terminal.now_s + 60.0)[-1].data.startswith(b"+5.069")
+    terminal.now_s += 60.0
+    assert terminal.error().startswith("-363,")
 
 
 def test_a_line_may_come_in_pieces_and_device_clear_drops_what_is_under_way() -> None:
@@ -164,6 +172,47 @@ def test_a_line_may_come_in_pieces_and_device_clear_drops_what_is_under_way() ->
     (answer,) = terminal.meter.advance(5.0)
     assert answer.data == b"2\r\n"
     assert terminal.meter.next_event_s() is None
+
+
+def test_an_error_ends_its_line_also_when_the_queue_is_full() -> None:
+    terminal = Terminal()
+    terminal.write("ROUT:CHAN 1")
+    for _ in range(20):
+        terminal.write("FROB;ROUT:CHAN 2")
+    assert terminal.ask("ROUT:CHAN?") == "1"
+    assert [terminal.error().split(",")[0] for _ in range(17)] == ["-113"] * 15 + ["-350", "0"]
+
+
+COMMANDS = st.sampled_from(
+    [
+        "READ?\n",
+        "*IDN?",
+        ";",
+        "\n",
+        "ROUT:SCAN (@1,2)",
+        "VOLT:NPLC 0.02",
+        "INIT;",
+        "FETC?\n",
+        "\x03",
+        "SYST:ERR?\n",
+    ]
+)
+
+
+@settings(max_examples=80)
+@given(st.lists(COMMANDS | st.binary(max_size=6), max_size=25), st.lists(st.integers(0, 200), max_size=6))
+def test_whatever_comes_over_the_line_it_answers_alike_in_whatever_pieces(parts, cuts: list[int]) -> None:
+    data = b"".join(part.encode() if isinstance(part, str) else part for part in parts) + b"\n"
+    places = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
+    answers = []
+    for pieces in ([data], [data[start:end] for start, end in itertools.pairwise(places)]):
+        meter = SerialMultimeter(Inputs(), 1, "M1")
+        meter.receive(b"SYST:REM\n", 0.0)
+        for piece in pieces:
+            meter.receive(piece, 0.0)
+        answers.append(meter.advance(100.0))
+        assert meter.next_event_s() is None
+    assert answers[0] == answers[1]
 
 
 def test_the_meter_reads_the_unit_s_true_mean_while_the_table_turns() -> None:
