@@ -45,6 +45,8 @@ FAULTS: Final = ("none", "door_open", "no_trigger", "slider_stuck")
 COCKING_S = 0.5
 PROGRAMMED_AHEAD_S = (0.02, 10.0)
 DEFAULT_PEAK_DEG_S = 40.0
+SENDING_PERIOD_S = 0.05
+"""Records leave the module at the latest so long after those before."""
 MAX_KEPT = 256
 """Strikes, triggers and armings that are remembered: nobody asks about frames so long past."""
 
@@ -94,6 +96,11 @@ class LiveImpactRig:
     def stream(self, on: bool, now_s: float) -> None:
         """Switch the stream on or off."""
         self._stream_from_s = now_s if on else math.inf
+
+    @property
+    def streaming(self) -> bool:
+        """Whether the stream is on."""
+        return math.isfinite(self._stream_from_s)
 
     def records(self) -> bytes:
         """What has been stamped since the last call."""
@@ -187,6 +194,7 @@ class ImpactRigPort:
     def __init__(self, rig: LiveImpactRig, identity: str) -> None:
         self._rig = rig
         self._identification = f"Testloom,IR1,{identity},1.0"
+        self._sent_s = -math.inf
 
     def command(self, line: str, now_s: float) -> str:
         """The answer to one line."""
@@ -200,13 +208,13 @@ class ImpactRigPort:
             return f"ERR {ERR_ARGUMENTS} {error}"
 
     def advance(self, to_s: float) -> bytes:
-        """Records of the frames that have come."""
-        del to_s  # the unit's frames bring their own times
+        """Records of the frames that have come; they bring their own times."""
+        self._sent_s = to_s
         return self._rig.records()
 
     def next_event_s(self) -> float | None:
-        """None: its records come with the unit's frames."""
-        return None
+        """When the module sends what it has got, while its stream is on."""
+        return self._sent_s + SENDING_PERIOD_S if self._rig.streaming else None
 
     def inject(self, fault: str, now_s: float) -> None:
         """Raises BenchModelError for a fault that this stand cannot have."""
@@ -232,6 +240,7 @@ class ImpactRigPort:
                 return "OK"
             case "STRE", True if argument.upper() in ("ON", "OFF"):
                 rig.stream(argument.upper() == "ON", now_s)
+                self._sent_s = now_s
                 return "OK"
             case _, False if word in _QUERIES:
                 return self._answer(word, now_s)

@@ -229,7 +229,9 @@ def test_the_module_streams_each_frame_with_its_stamp() -> None:
     frames = np.arange(3 * FRAME_BYTES, dtype=np.uint8).reshape(3, FRAME_BYTES)
     unit_line.take_frames(frames, np.array([0.1, 0.2, 0.3]))
     assert stand.port.advance(0.3) == b""
+    assert stand.port.next_event_s() is None
     assert stand.port.command("STRE ON", 0.5) == "OK"
+    assert stand.port.next_event_s() == pytest.approx(0.55)
     assert stand.port.command("ARM", 0.5).startswith("OK")
     assert stand.port.command("FIRE", 1.0).startswith("OK")
     unit_line.take_frames(frames, np.array([0.4, 1.0, 1.5]))

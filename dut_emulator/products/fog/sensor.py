@@ -11,7 +11,7 @@ Twin's `link.fixed_delay` is L_ref: at 2 kHz and 25 °C. The frames' decimation 
 period, half of it is delay. L_processing is what is left of L_ref beside that and the 130 µs on the line.
 
 The loop's one pole (`gyro.bandwidth`, time constant τ) acts on the input before it is sampled, with no
-grid either:
+grid either; the noise density is the output's, behind it:
 
     y(t) = ∫ u(t − x τ) e^(−x) dx,  x = 0 … ∞
 

@@ -5,7 +5,8 @@ Powered, it boots for 0.5 s and then broadcasts one frame each period: the last 
 periods after the end of the boot. A command takes effect with its last byte: `BROADCAST` starts a new
 row of frames one period later, `QUERY` is answered with the newest data, whose last byte comes 60 µs of
 processing and the frame's time on the line after it. A second query during an answer is not heard.
-In both modes a frame shows the motion a pure lag before its last byte.
+In both modes a frame shows the motion a pure lag before its last byte. The loop runs at the frame rate last
+set, also in query mode: the answers' noise is that of its frames.
 """
 
 import math
