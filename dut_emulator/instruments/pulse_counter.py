@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.instruments.scpi import Call, ScpiError, ScpiInstrument, number
+from dut_emulator.interfaces import TriggerLine
 
 COUNTER_BITS = 24
 LEAST_GATE_S, MAX_GATE_S = 1e-6, 3600.0
@@ -42,18 +43,10 @@ class PulseSource(Protocol):
         ...
 
 
-class TriggerLine(Protocol):
-    """A stand's trigger output."""
-
-    def next_edge_s(self, after_s: float) -> float | None:
-        """The next edge after a moment, as things move now; None if none is to come."""
-        ...
-
-
 class PulseCounter(ScpiInstrument):
     """See the module."""
 
-    def __init__(self, source: PulseSource, line: TriggerLine, serial: str) -> None:
+    def __init__(self, source: PulseSource, line: TriggerLine | None, serial: str) -> None:
         super().__init__(f"Testloom,PC12,{serial},1.0")
         self._source, self._line = source, line
         self._gate_s: float | None = 1.0
@@ -88,7 +81,7 @@ class PulseCounter(ScpiInstrument):
             return None
         if self._gate_s is not None:
             return self._since_s + self._gate_s
-        return self._line.next_edge_s(self._since_s)
+        return self._next_edge_s(self._since_s)
 
     def advance(self, now_s: float) -> None:
         """Take the totals at the edges that have come."""
@@ -108,6 +101,9 @@ class PulseCounter(ScpiInstrument):
         totals = np.array(self._totals).reshape(-1, 12)
         return np.mod(np.diff(totals, axis=0), 2**COUNTER_BITS)
 
+    def _next_edge_s(self, after_s: float) -> float | None:
+        return self._line.next_edge_s(after_s) if self._line is not None else None
+
     def _take(self, edge_s: float, now_s: float) -> None:
         totals = np.asarray(self._source.pulse_totals(now_s), dtype=np.int64).reshape(12)
         if self._totals:
@@ -126,7 +122,7 @@ class PulseCounter(ScpiInstrument):
         self._since_s = call.now_s
         if self._gate_s is not None:
             self._take(call.now_s, call.now_s)
-        elif self._line.next_edge_s(call.now_s) is None:
+        elif self._next_edge_s(call.now_s) is None:
             raise ScpiError(-221, "no edge to come on the trigger line")
         self._open = True
 

@@ -86,7 +86,7 @@ def test_half_cycle_sums_before_they_are_cut(case, axis: int) -> None:
 def test_gyro_half_cycle_sums_before_they_are_cut() -> None:
     case = VECTORS["gyro"]
     run = overload_run(overload_g=case["A0_g"], cycles=1)
-    earth = run.stimulus(np.zeros(1)).rate_rad_s[0, 0]
+    earth = run.stimulus(np.zeros(1)).channel("rate_rad_s")[0, 0]
     matrix = ((case["D1x"] * DEG / G, case["D2x"] * DEG / G, 0.0), (0.0,) * 3, (0.0,) * 3)
     constant = (case["D0x"] + case["omega_x"]) * DEG - earth
     sensors = sensors_of(
@@ -139,7 +139,7 @@ def test_half_waves_of_a_parabola(nodes, panel_s: float) -> None:
     y = np.array(nodes)
     u = (np.arange(4_000) + 0.5) / 2_000 - 1.0
     curve = y[1] + 0.5 * (y[2] - y[0]) * u + (0.5 * (y[0] + y[2]) - y[1]) * u**2
-    positive, negative = (float(half[0]) for half in half_wave_integrals(*y[:, np.newaxis], panel_s))
+    positive, negative = (float(half[0]) for half in half_wave_integrals(y[:1], y[1:2], y[2:], panel_s))
     assert positive - negative == pytest.approx(panel_s * (y[0] + 4 * y[1] + y[2]) / 6, abs=1e-13 * panel_s)
     if (y > 0).any() and (y < 0).any():
         assert positive == pytest.approx(panel_s * np.maximum(curve, 0).mean(), abs=1e-6 * panel_s)

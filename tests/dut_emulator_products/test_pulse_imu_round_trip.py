@@ -9,7 +9,9 @@ import pytest
 from calibration.algorithms.overload_g_sensitivity import GyroRun, calibrate_g_sensitivity
 from calibration.algorithms.overload_motion import half_cycles_from_grating, pulses_of_halves
 from calibration.algorithms.sinusoidal_overload import KnownAccelerometer, calibrate_overload
+from dut_emulator.effects.deterministic import ScaleFactorError
 from dut_emulator.effects.effect import name_of
+from dut_emulator.effects.stand import RemountMisalignment
 from dut_emulator.products.pulse_imu.product import PRODUCT
 from dut_emulator.recording.order import RecordingOrder
 from dut_emulator.recording.recorder import RecordingSession, recorded
@@ -37,8 +39,8 @@ def truth():
     order = RecordingOrder("pulse_imu", "overload", seed=SEED, serial=SERIAL, stand_seed=STAND_SEED)
     session = RecordingSession(order)
     effects = {name_of(e): e for e in session.unit.twin.effects}
-    mount = next(np.array(e.rotation_rad) for e in session.stand.effects if e.word == "remount_misalignment")
-    return SimpleNamespace(effects=effects, mount=mount, gravity=order.site.gravity_m_s2)
+    mount = next(e for e in session.stand.effects if isinstance(e, RemountMisalignment)).rotation_rad
+    return SimpleNamespace(effects=effects, mount=np.array(mount), gravity=order.site.gravity_m_s2)
 
 
 def known_of(unit, axis: int) -> KnownAccelerometer:
@@ -100,5 +102,5 @@ def test_the_recording_says_no_more_than_is_known() -> None:
     for word in ("asymmetry", "odd_square", "g_sensitivity", "wobble"):
         assert word not in told
     twin = PRODUCT.twin(SEED, SERIAL)
-    scale = next(e for e in twin.effects if name_of(e) == "acc.scale_factor_error").scale_factor_error
+    scale = next(e for e in twin.chain("acc").effects if isinstance(e, ScaleFactorError)).scale_factor_error
     assert recording.believed["acc"]["matrix"][1][1] == pytest.approx(1 + scale[1])

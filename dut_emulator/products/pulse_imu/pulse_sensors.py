@@ -109,7 +109,10 @@ class PulseSensors:
             return self._integrals.copy()
         if self._last_node is None:
             self._last_node = self._rates(acting(np.array([begin_s])), part_s)[0]
-        memory = copy.deepcopy(self._certain_memory)
+        memory = {
+            triad: ChainState(copy.deepcopy(state.states), state.generators)  # nothing draws in there
+            for triad, state in self._certain_memory.items()
+        }
         nodes = self._rates(acting(np.array([begin_s + 0.5 * part_s, now_s])), 0.5 * part_s, memory)
         if self._noise_ahead is None:
             self._noise_ahead = self._noise(1)

@@ -19,4 +19,5 @@ def recording_stand(seed: int, site: Site) -> RecordingStand:
 def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
     """The same rig behind its command port."""
     rig = LiveOverloadRig(SinusoidalOverloadRig(site, RigErrors.drawn(seed), stand_id=identity))
-    return LiveStand(OverloadPort(rig, f"Testloom,SOR,{identity},1.0"), rig)
+    port = OverloadPort(rig, f"Testloom,SOR,{identity},1.0")
+    return LiveStand(port, rig, trigger_line=port)
