@@ -1,5 +1,7 @@
 """`testloom emulator`: record emulated units on emulated stands, look at what they are made of."""
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -58,6 +60,7 @@ Gravity = Annotated[float, _option("gravity", say("Gravity at the site in m/s^2.
 Heading = Annotated[
     float, _option("heading", say("Azimuth of the stand's y axis in degrees, east of north."))
 ]
+AsJson = Annotated[bool, _option("json", say("Print JSON."))]
 UnitOrFile = Annotated[str, typer.Argument(help=say("A product, whose unit is drawn, or a twin file."))]
 
 
@@ -84,6 +87,7 @@ def record(
     latitude: Latitude = 39.96,
     gravity: Gravity = 9.8013,
     heading: Heading = 0.0,
+    as_json: AsJson = False,
 ) -> None:
     from cli.emulator_values import profile_values
     from dut_emulator.motion.profile_catalogue import profile_named
@@ -107,21 +111,31 @@ def record(
         started_at=started_at,
         sample_type="float32" if float32 else "float64",
     )
-    _write(RecordingSession(order), out, form, stream_format, truth)
+    _write(RecordingSession(order), out, form, stream_format, truth, as_json=as_json)
 
 
 @app.command(cls=Command, help=say("List the products, and the profiles and stands that each is tested on."))
 def products(
     profile: Annotated[str | None, typer.Argument(help=say("A profile, to see its parameters."))] = None,
+    as_json: AsJson = False,
 ) -> None:
     from cli.emulator_tables import products_table, profile_table
     from dut_emulator.motion.profile_catalogue import profile_named
     from dut_emulator.products.catalogue import PRODUCTS, product_named
 
     if profile is not None:
-        _console().print(profile_table(profile_named(profile)))
+        kind = profile_named(profile)
+        if as_json:
+            typer.echo(json.dumps(asdict(kind), ensure_ascii=False))
+        else:
+            _console().print(profile_table(kind))
+        return
+    known = [product_named(name) for name in PRODUCTS]
+    if as_json:
+        pairs = {one.name: {name: asdict(at) for name, at in one.profiles.items()} for one in known}
+        typer.echo(json.dumps(pairs))
     else:
-        _console().print(products_table([product_named(name) for name in PRODUCTS]))
+        _console().print(products_table(known))
 
 
 @app.command(cls=Command, help=say("Show the true effects of a unit, with their parameters."))
@@ -256,6 +270,8 @@ def _write(
     form: Form,
     stream_format: Files,
     truth: Path | None,
+    *,
+    as_json: bool,
 ) -> None:
     from rich.console import Console
     from rich.progress import Progress
@@ -284,6 +300,15 @@ def _write(
     if truth is not None:
         write_truth(session, truth)
         written.append(truth)
+    if as_json:
+        facts = {
+            "recording_id": session.description.recording_id,
+            "duration_s": session.duration_s,
+            "written": [str(path) for path in written],
+            "warnings": list(session.warnings),
+        }
+        typer.echo(json.dumps(facts, ensure_ascii=False))
+        return
     named = {"recording": session.description.recording_id, "duration": f"{session.duration_s:g}"}
     typer.echo(say("{recording}: {duration} s recorded", **named))
     for path in written:

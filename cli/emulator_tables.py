@@ -32,7 +32,7 @@ _SMALL = 0.01
 
 
 def products_table(products: list[Product]) -> Group:
-    """Which profile of which product runs on which stand, at what rate the unit samples; what they are for."""
+    """Which product undergoes which profile, on which stand, at what rate; what the profiles are for."""
     table = Table(title=say("Products, their profiles and stands"))
     for heading in (say("Product"), say("Profile"), say("Stand")):
         table.add_column(heading, no_wrap=True)

@@ -95,6 +95,10 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
         ([*RECORD, "--set", "duration_s=1", "--set", "duration_s=2"], "duration_s is given twice"),
         ([*RECORD, "--set", "duration_s=-1"], "duration_s cannot be -1 s"),
         ([*RECORD, "--twin", "nowhere.json"], "There is no such twin file"),
+        (
+            ["emulator", "record", "gnc_module", "rate_staircase", "--set", "max_rate_deg_s=9000"],
+            "above its limit",
+        ),
         ([*RECORD, "--latitude", "91"], "There is no such site"),
         (["emulator", "with", "rate_gyro_triad", "gyro.charm", "x=1"], "There is no effect 'gyro.charm'"),
         (["emulator", "with", "rate_gyro_triad", "stand.wobble", "x=1"], "not on a triad left open"),
@@ -129,6 +133,18 @@ def test_a_full_disk_leaves_no_half_recording(tmp_path, capsys, monkeypatch):
     assert not truth.exists()
 
 
+def test_a_script_gets_json(tmp_path, capsys):
+    assert main([*RECORD, *SHORT, "--form", "mcap", "--out", str(tmp_path), "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    (path,) = facts["written"]
+    assert read_recording(path).recording_id == facts["recording_id"]
+    assert main(["emulator", "products", "--json"]) == 0
+    pairs = json.loads(capsys.readouterr().out)
+    assert pairs["rate_gyro_triad"]["static"]["stand"] == "rate_table"
+    assert main(["emulator", "products", "static", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["parameters"][0]["name"] == "duration_s"
+
+
 def test_the_lists_name_what_there_is(capsys):
     assert main(["emulator", "effects"]) == 0
     assert "gyro.g_sensitivity" in capsys.readouterr().out
@@ -136,6 +152,8 @@ def test_the_lists_name_what_there_is(capsys):
     assert "gyro, acc, mag" in capsys.readouterr().out
     assert main(["emulator", "products", "eleven_point"]) == 0
     assert "dwell_s" in capsys.readouterr().out
+    assert main(["emulator", "products"]) == 0
+    assert "sinusoidal_overload_rig" in capsys.readouterr().out
     assert main(["emulator", "show", "rate_gyro_triad"]) == 0
     assert "gyro.bandwidth" in capsys.readouterr().out
 

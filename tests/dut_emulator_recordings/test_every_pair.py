@@ -21,6 +21,7 @@ from protocol.adapters.recording_forms import read_recording
 from protocol.recording_checks import equal_recordings
 from protocol.recordings import Recording
 
+DOCUMENT = Path(__file__).parents[2] / "docs" / "emulator.md"
 CHUNK_SAMPLES = 7_919
 """Prime, and another cut than the recorder's own: the samples must not know of it."""
 
@@ -44,6 +45,18 @@ def test_every_pair_has_a_stand_and_a_number(product: str) -> None:
     profiles = product_named(product).profiles
     assert profiles.keys() <= oracles_of(product).keys()
     assert {mounting.stand for mounting in profiles.values()} <= set(STANDS)
+
+
+@pytest.mark.parametrize("product", THERE)
+def test_the_document_says_what_runs_where(product: str) -> None:
+    rows = [row.split("|")[1:4] for row in DOCUMENT.read_text(encoding="utf-8").splitlines() if "|" in row]
+    told = {
+        (profile.strip(" `"), stand.strip(" `"))
+        for name, stand, profiles in (row for row in rows if len(row) == 3)
+        for profile in profiles.split(",")
+        if name.strip(" `") == product
+    }
+    assert told == {(profile, at.stand) for profile, at in product_named(product).profiles.items()}
 
 
 @pytest.mark.parametrize(("product", "profile"), PAIRS)
