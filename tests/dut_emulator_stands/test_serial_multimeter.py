@@ -156,6 +156,7 @@ def test_each_mistake_has_its_number_and_ends_its_line() -> None:
         terminal.meter.receive(b"X" * 5000 + end, terminal.now_s)
         assert terminal.error().startswith("-363,")
         assert terminal.error() == '0,"No error"'
+    terminal.write("*RST")
     for _ in range(70):
         terminal.write("READ?")  # more than can wait
     assert terminal.meter.advance(terminal.now_s + 60.0)[-1].data.startswith(b"+5.069")
