@@ -4,8 +4,9 @@
 import math
 from collections.abc import Mapping
 
+from dut_emulator.motion.axis_motion import Trapezoid
 from dut_emulator.motion.profile import ProfileKind, ProfileParameter
-from dut_emulator.motion.schedule import Excess
+from dut_emulator.motion.schedule import AXES, Drives, Excess
 
 _BODY_AXIS = "body axis: 1 x, 2 y, 3 z, 0 one after the other"
 _REST = ProfileParameter("rest_s", 5.0, "s", 0.0, 3600.0, "rest before and after each motion")
@@ -96,12 +97,12 @@ KINDS: tuple[ProfileKind, ...] = (
 )
 
 
-def what_fits(profile: str, values: Mapping[str, float], excess: Excess) -> str:
+def what_fits(profile: str, values: Mapping[str, float], excess: Excess, drives: Drives) -> str:
     """What to change so that the axis keeps the limit that was passed."""
     share = excess.limit / excess.asked
     match profile:
         case "rotation":
-            return _fitting_turn(values, excess)
+            return _fitting_turn(values, excess, drives)
         case "swing":
             if excess.quantity == "rate":
                 return f"give peak_rate_deg_s of at most {excess.limit:g}."
@@ -126,22 +127,19 @@ def what_fits(profile: str, values: Mapping[str, float], excess: Excess) -> str:
             return "choose another stand."
 
 
-def _fitting_turn(values: Mapping[str, float], excess: Excess) -> str:
-    """For a turn: the ramps that keep the limit within the duration, or the least duration.
+def _fitting_turn(values: Mapping[str, float], excess: Excess, drives: Drives) -> str:
+    """For a turn: the ramps that keep both limits within the duration, or the least duration.
 
     The peak rate is angle / (duration − ramp), the acceleration that over the ramp.
     """
+    axis = AXES.index(excess.axis)
+    rate, acceleration = drives.rate_deg_s[axis], drives.acceleration_deg_s2[axis]
     angle, duration_s = values["angle_deg"], values["duration_s"]
-    if excess.quantity == "rate":
-        longest_s = duration_s - angle / excess.limit
-        if longest_s > 0:
-            text = f"keep the ramps below {longest_s:.4g} s"
-        else:
-            text = f"give more than {angle / excess.limit:.4g} s"
+    fastest = Trapezoid.fastest(angle, rate, acceleration)
+    if duration_s < fastest.duration_s:
+        text = f"give at least {fastest.duration_s:.4g} s with ramps of {fastest.ramp_s:.4g} s"
     else:
-        room = duration_s**2 - 4 * angle / excess.limit
-        if room >= 0:
-            text = f"keep the ramps above {(duration_s - math.sqrt(room)) / 2:.4g} s"
-        else:
-            text = f"give at least {2 * math.sqrt(angle / excess.limit):.4g} s"
+        shortest_s = (duration_s - math.sqrt(duration_s**2 - 4 * angle / acceleration)) / 2
+        longest_s = min(duration_s - angle / rate, duration_s / 2)
+        text = f"keep the ramps above {shortest_s:.4g} s and below {longest_s:.4g} s"
     return f"{text}: the peak rate is angle / (duration − ramp), the acceleration that over the ramp."

@@ -146,7 +146,7 @@ class RecordingTurntable:
         schedule, air, drives = self._planned(profile, values)
         excess = schedule.excess(drives)
         if excess is not None:
-            remedy = turntable_profiles.what_fits(profile, values, excess)
+            remedy = turntable_profiles.what_fits(profile, values, excess, drives)
             raise beyond_limit(self._identity.stand_id, str(excess), remedy)
         moving_hz = CHAMBER_RATE_HZ if air.fastest_ramp_c_per_min else self._kind.moving_rate_hz
         rate_hz = moving_hz if schedule.moves else RESTING_RATE_HZ

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -93,7 +94,7 @@ def test_a_triangle_of_rate_is_too_fast_and_is_told_what_fits() -> None:
     excess = schedule_of("rotation", values, THREE).excess(THREE)
     assert excess is not None
     assert str(excess) == "The middle axis would reach 432 deg/s, 32 deg/s above its limit of 400 deg/s."
-    assert "ramps below 2.3 s" in what_fits("rotation", values, excess)
+    assert "below 2.3 s" in what_fits("rotation", values, excess, THREE)
     fits = values | {"ramp_s": 2.3 - 1e-6}
     assert schedule_of("rotation", fits, THREE).excess(THREE) is None
 
@@ -105,7 +106,27 @@ def test_a_steep_ramp_is_told_how_long_it_must_be() -> None:
     assert excess.quantity == "acceleration"
     # r (5 − r) = 1080 / 250
     ramp_s = (5 - math.sqrt(25 - 4 * 1080 / 250)) / 2
-    assert f"above {ramp_s:.4g} s" in what_fits("rotation", values, excess)
+    assert f"above {ramp_s:.4g} s" in what_fits("rotation", values, excess, THREE)
+
+
+@settings(max_examples=50)
+@given(st.floats(100.0, 3000.0), st.floats(1.0, 20.0), st.floats(0.05, 0.5), st.sampled_from([1.0, 3.0]))
+def test_what_is_told_to_fit_does_fit(angle: float, duration_s: float, share: float, axis: float) -> None:
+    values = profile_named("rotation").values(
+        {"angle_deg": angle, "duration_s": duration_s, "ramp_s": share * duration_s, "axis": axis}
+    )
+    excess = schedule_of("rotation", values, THREE).excess(THREE)
+    if excess is None:
+        return
+    told = [
+        float(text) for text in re.findall(r"(\d[\d.e+]*) s", what_fits("rotation", values, excess, THREE))
+    ]
+    if "at least" in what_fits("rotation", values, excess, THREE):
+        fits = {"duration_s": told[0] * 1.001, "ramp_s": told[1]}
+    else:
+        fits = {"ramp_s": (told[0] + told[1]) / 2}
+    nearly = schedule_of("rotation", values | fits, THREE).excess(THREE)
+    assert nearly is None or nearly.asked < nearly.limit * 1.005  # four digits are told
 
 
 def test_swing_of_paper_2() -> None:
@@ -118,7 +139,7 @@ def test_swing_of_paper_2() -> None:
     values = profile_named("swing").values({"axis": 2.0})
     excess = schedule_of("swing", values, THREE).excess(THREE)
     assert excess is not None  # 500 deg/s² on an axis of 250
-    remedy = what_fits("swing", values, excess)
+    remedy = what_fits("swing", values, excess, THREE)
     assert f"{math.sqrt(250 * 80):.4g}" in remedy
     assert "160" in remedy
 
