@@ -19,7 +19,7 @@ UnitsDir = Annotated[
 Description = Annotated[
     Path, _option("description", say("The file that tells a station what the bench offers."))
 ]
-Kind = Annotated[str, _option("kind", say("socket_board or three_axis_turntable."))]
+Kind = Annotated[str, _option("kind", say("socket_board, or the kind of stand."))]
 Sockets = Annotated[
     int | None, _option("sockets", say("Number of sockets; the kind's usual one if left out."))
 ]
@@ -36,6 +36,12 @@ Heading = Annotated[
     float, _option("heading", say("Azimuth of the stand's y axis in degrees, east of north."))
 ]
 PortBase = Annotated[int, _option("port-base", say("First of consecutive TCP ports; 0 for free ones."))]
+Product = Annotated[
+    str, _option("product", say("Product of the units tested here; the kind's usual one if left out."))
+]
+Twin = Annotated[
+    Path | None, _option("twin", say("Twin file that every unit here is made of; drawn if left out."))
+]
 Identity = Annotated[str, _option("identity", say("The fixture's own serial number; derived if left out."))]
 
 
@@ -53,6 +59,8 @@ def bench(
     heading: Heading = 0.0,
     port_base: PortBase = 0,
     identity: Identity = "",
+    product: Product = "",
+    twin: Twin = None,
 ) -> None:
     from dut_emulator.server.assembly import run_bench
     from dut_emulator.server.configuration import BenchServerConfiguration
@@ -71,6 +79,8 @@ def bench(
         heading_deg=heading,
         port_base=port_base,
         identity=identity,
+        product=product,
+        twin=twin,
     )
     run_bench(configuration)
 

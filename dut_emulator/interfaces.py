@@ -17,6 +17,14 @@ class BenchModelError(Exception):
     """A hand's mistake: a second unit in a socket, a fault that a stand cannot have. The text says which."""
 
 
+class TriggerLine(Protocol):
+    """The line between a stand and whatever has to know when something happened."""
+
+    def next_edge_s(self, after_s: float) -> float | None:
+        """Bench time of the first edge after a moment; None if none is to come as things stand."""
+        ...
+
+
 class Surroundings(Protocol):
     """Where a unit sits: a level socket board, or a stand's table."""
 

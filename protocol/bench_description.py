@@ -19,11 +19,12 @@ from protocol.frozen_model import FrozenModel
 class SocketResources(FrozenModel):
     """One socket: the unit's links, the board's own controls (VISA), the supply's channel.
 
-    `board` is None on a stand, where a unit is wired through without test points.
+    `board` is None on a stand, where a unit is wired through without test points. `unit_link` is None for a
+    unit that an instrument reads: analogue outputs, pulses.
     """
 
     socket: str
-    unit_link: str
+    unit_link: str | None = None
     can_interface: str | None = None
     can_channel: str | None = None
     board: str | None = None
@@ -31,12 +32,12 @@ class SocketResources(FrozenModel):
 
 
 class StandResources(FrozenModel):
-    """A motion stand: command line (`host:port`, line protocol) and its encoder stream (serial URL)."""
+    """A stand: command line (`host:port`, line protocol) and its stream (serial URL), if it has one."""
 
     stand_id: str
-    kind: Literal["three_axis_turntable"]
+    kind: str = Field(min_length=1)
     command: str
-    stream: str
+    stream: str | None = None
 
 
 class Site(FrozenModel):
@@ -48,17 +49,24 @@ class Site(FrozenModel):
 
 
 class BenchDescription(FrozenModel):
-    """All of a bench. `control` is None on hardware. `bench_identity`: the fixture's own serial number."""
+    """All of a bench. `control` is None on hardware. `bench_identity`: the fixture's own serial number.
+
+    `serial_multimeter` is a serial URL (RS-232), `pulse_counter` a VISA resource: what reads a unit without a
+    link of its own. `product`: of the units that are tested here.
+    """
 
     format: Literal["testloom-bench/1"] = "testloom-bench/1"
     bench: str
     bench_identity: str
     operations: tuple[str, ...]
+    product: str = "gnc_module"
     control: str | None = None
     pace: float = 1.0
     sockets: tuple[SocketResources, ...] = Field(min_length=1, max_length=64)
     power_supply: str
     multimeter: str | None = None
     oscilloscope: str | None = None
+    serial_multimeter: str | None = None
+    pulse_counter: str | None = None
     stand: StandResources | None = None
     site: Site

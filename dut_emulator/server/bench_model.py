@@ -8,10 +8,16 @@ that a whole bench can be run in a test without a port.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.instruments.multimeter import Multimeter
 from dut_emulator.instruments.oscilloscope import Oscilloscope
 from dut_emulator.instruments.power_supply import PowerSupply
+from dut_emulator.instruments.pulse_counter import PulseCounter, PulseSource
+from dut_emulator.instruments.serial_multimeter import AveragedOutputs, SerialMultimeter
 from dut_emulator.instruments.socket_board import SocketBoard
 from dut_emulator.instruments.wiring import SharedInputs
 from dut_emulator.interfaces import BenchModelError, EmulatedUnit, LinkOutput, StandModel, Surroundings
@@ -26,6 +32,8 @@ TEST_POINTS = frozenset(
 RS422, CAN = "rs422", "can"
 STAND = "stand"
 STAND_STREAM_LINK = f"{STAND}.stream"
+METER = "multimeter"
+METER_LINK = f"{METER}.rs232"
 
 
 @dataclass
@@ -126,6 +134,16 @@ class SocketModel:
         """True period of a point's square wave."""
         return self.unit.point_period_s(point, now_s) if self.unit is not None else None
 
+    def mean_voltage_v(self, point: str, begin_s: float, end_s: float) -> float:
+        """True mean of an analogue output over an aperture; an empty socket's is 0 V."""
+        return cast(AveragedOutputs, self.unit).mean_voltage_v(point, begin_s, end_s) if self.unit else 0.0
+
+    def pulse_totals(self, now_s: float) -> NDArray[np.int64]:
+        """Running totals of the pulse outputs, (6, 2); an empty socket has counted nothing."""
+        if self.unit is None:
+            return np.zeros((6, 2), dtype=np.int64)
+        return cast(PulseSource, self.unit).pulse_totals(now_s)
+
     def knows_point(self, point: str) -> bool:
         """Whether the board has a needle there."""
         return point in TEST_POINTS
@@ -143,12 +161,29 @@ class SocketModel:
 
 @dataclass
 class Instruments:
-    """The instruments of a bench; a stand has a supply only."""
+    """The instruments of a bench; a stand has a supply, and what reads a unit without a link of its own."""
 
     supply: PowerSupply
     multimeter: Multimeter | None = None
     oscilloscope: Oscilloscope | None = None
     boards: dict[str, SocketBoard] = field(default_factory=lambda: dict[str, SocketBoard]())
+    serial_multimeter: SerialMultimeter | None = None
+    pulse_counter: PulseCounter | None = None
+
+    def next_event_s(self) -> float | None:
+        """The end of the nearest window, or the arrival of an answer."""
+        measuring = (self.multimeter, self.oscilloscope, self.serial_multimeter, self.pulse_counter)
+        moments = [instrument.next_event_s() for instrument in measuring if instrument is not None]
+        return min((moment for moment in moments if moment is not None), default=None)
+
+    def advance(self, to_s: float) -> list[tuple[str, bytes]]:
+        """Windows that end until then; what an instrument sends by itself, with its link."""
+        for instrument in (self.multimeter, self.oscilloscope, self.pulse_counter):
+            if instrument is not None:
+                instrument.advance(to_s)
+        if self.serial_multimeter is None:
+            return []
+        return [(METER_LINK, output.data) for output in self.serial_multimeter.advance(to_s)]
 
 
 class BenchModel:
@@ -194,12 +229,8 @@ class BenchModel:
         The ends of the instruments' windows always; what units and the stand do only where somebody
         watches their links, because the others' bytes may as well be handed over later.
         """
-        moments = [
-            instrument.next_event_s()
-            for instrument in (self.instruments.multimeter, self.instruments.oscilloscope)
-            if instrument is not None
-        ]
-        for name in {link.partition(".")[0] for link in watched_links}:
+        moments = [self.instruments.next_event_s()]
+        for name in {link.partition(".")[0] for link in watched_links} - {METER}:
             emitter = self.stand if name == STAND else self.sockets[name].unit
             moments.append(emitter.next_event_s() if emitter is not None else None)
         return min((moment for moment in moments if moment is not None), default=None)
@@ -211,7 +242,4 @@ class BenchModel:
             samples = self.stand.advance(to_s)
             if samples:
                 outputs.append((STAND_STREAM_LINK, samples))
-        for instrument in (self.instruments.multimeter, self.instruments.oscilloscope):
-            if instrument is not None:
-                instrument.advance(to_s)
-        return outputs
+        return outputs + self.instruments.advance(to_s)

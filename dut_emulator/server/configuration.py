@@ -5,19 +5,15 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from dut_emulator.server.bench_kinds import BENCH_KINDS, OPERATIONS, SOCKET_BOARD
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
 
 SERIAL_KINDS = ("socket", "pty")
-OPERATIONS_OF_KIND: dict[str, tuple[str, ...]] = {
-    "socket_board": ("functional",),
-    "three_axis_turntable": ("imu_calibration",),
-}
-SOCKETS_OF_KIND = {"socket_board": 2, "three_axis_turntable": 1}
 MAX_SOCKETS = 16
 MAX_PACE = 1000.0
 PORTS_PER_SOCKET = 3
-FIXED_PORTS = 6
+FIXED_PORTS = 7
 
 
 @dataclass(frozen=True)
@@ -26,7 +22,7 @@ class BenchServerConfiguration:
 
     Attributes:
         name: of the bench, as stations know it.
-        kind: one of `OPERATIONS_OF_KIND`.
+        kind: one of `BENCH_KINDS`.
         sockets: how many; None for the kind's usual number.
         seed: of the lot (which units exist) and of the instruments' calibration states.
         units_dir: where units keep their flash; shared by the benches of a line, closed to stations.
@@ -36,6 +32,8 @@ class BenchServerConfiguration:
         latitude_deg, gravity_m_s2, heading_deg: the site, as in BenchDescription.
         port_base: first of consecutive TCP ports; 0 for free ones.
         identity: the fixture's own serial number; empty: derived from name, kind and seed.
+        product: of the units that are tested here; empty: the kind's usual one.
+        twin: the twin file that every unit here is made of; None: each as the lot draws it.
     """
 
     name: str
@@ -51,17 +49,20 @@ class BenchServerConfiguration:
     heading_deg: float = 0.0
     port_base: int = 0
     identity: str = ""
+    product: str = ""
+    twin: Path | None = None
 
     def __post_init__(self) -> None:
         """Raises TestloomError for what cannot be a bench."""
-        kinds = tuple(OPERATIONS_OF_KIND)
+        products = BENCH_KINDS[self.kind].products if self.kind in BENCH_KINDS else ()
         last_port = self.port_base + FIXED_PORTS + PORTS_PER_SOCKET * self.socket_count
         plain = bool(self.name) and self.name.isprintable() and "/" not in self.name
-        most = MAX_SOCKETS if self.kind == "socket_board" else 1
+        most = MAX_SOCKETS if self.kind == SOCKET_BOARD else 1
         ports_fit = self.port_base == 0 or (self.port_base >= 1024 and last_port <= 65_535)
         for option, given, good, expected in (
             ("name", self.name, plain, "a plain word"),
-            ("kind", self.kind, self.kind in kinds, f"one of {', '.join(kinds)}"),
+            ("kind", self.kind, self.kind in BENCH_KINDS, f"one of {', '.join(BENCH_KINDS)}"),
+            ("product", self.product, self.unit_product in products, f"one of {', '.join(products)}"),
             ("serial", self.serial, self.serial in SERIAL_KINDS, f"one of {', '.join(SERIAL_KINDS)}"),
             ("sockets", self.socket_count, 1 <= self.socket_count <= most, f"1 to {most}"),
             ("seed", self.seed, 0 <= self.seed < 2**63, "a number from 0 to 2^63 - 1"),
@@ -88,7 +89,19 @@ class BenchServerConfiguration:
     @property
     def socket_count(self) -> int:
         """How many sockets."""
-        return self.sockets if self.sockets is not None else SOCKETS_OF_KIND.get(self.kind, 1)
+        kind = BENCH_KINDS.get(self.kind)
+        return self.sockets if self.sockets is not None else kind.sockets if kind else 1
+
+    @property
+    def unit_product(self) -> str:
+        """The product of the units that are tested here."""
+        kind = BENCH_KINDS.get(self.kind)
+        return self.product or (kind.products[0] if kind else "")
+
+    @property
+    def operations(self) -> tuple[str, ...]:
+        """What a station can do here by a plan."""
+        return OPERATIONS.get((self.kind, self.unit_product), ())
 
     @property
     def site(self) -> Site:

@@ -16,12 +16,15 @@ class Framing(Enum):
 
     RS422 = "rs422"
     SLCAN = "slcan"
+    UNFRAMED = "unframed"
     STAND_STREAM = "stand_stream"
 
 
 FAULTS_OF_FRAMING = {
     Framing.RS422: frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"}),
     Framing.SLCAN: frozenset({"none", "corrupt_crc", "stuck", "garbage", "drop"}),
+    # a protocol of the product's own: where its frames end is not the link's matter
+    Framing.UNFRAMED: frozenset({"none", "stuck"}),
     # doubles without sync or CRC: nothing in them can be found wrong
     Framing.STAND_STREAM: frozenset({"none", "stuck", "drop"}),
 }
@@ -35,8 +38,9 @@ class LinkFault:
     second frame is lost. stuck: nothing comes any more.
     """
 
-    def __init__(self, framing: Framing, seed: int) -> None:
+    def __init__(self, framing: Framing, seed: int, sample_bytes: int = STAND_SAMPLE_DTYPE.itemsize) -> None:
         self.framing = framing
+        self._sample_bytes = sample_bytes
         self.fault = "none"
         self._rng = np.random.default_rng(seed)
         self._count = 0
@@ -49,7 +53,9 @@ class LinkFault:
             case "stuck":
                 return b""
             case _:
-                return b"".join(self._frame(frame) for frame in split_frames(data, self.framing))
+                return b"".join(
+                    self._frame(frame) for frame in split_frames(data, self.framing, self._sample_bytes)
+                )
 
     def _frame(self, frame: bytes) -> bytes:
         self._count += 1
@@ -69,14 +75,16 @@ class LinkFault:
         return b"?" + noise.hex().upper().encode() + b"\r" if self.framing is Framing.SLCAN else noise
 
 
-def split_frames(data: bytes, framing: Framing) -> list[bytes]:
+def split_frames(
+    data: bytes, framing: Framing, sample_bytes: int = STAND_SAMPLE_DTYPE.itemsize
+) -> list[bytes]:
     """Cut whole frames apart."""
     if framing is Framing.SLCAN:
         return [line + b"\r" for line in data.split(b"\r")[:-1]]
     frames: list[bytes] = []
     at = 0
     while at < len(data):
-        size = STAND_SAMPLE_DTYPE.itemsize
+        size = sample_bytes
         if framing is Framing.RS422:
             size = HEADER_BYTES + int.from_bytes(data[at + 4 : at + 6], "little") + CRC_BYTES
         frames.append(data[at : at + size])

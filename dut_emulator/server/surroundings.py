@@ -1,19 +1,18 @@
 # pyright: strict
-"""Where the units of a bench sit: on a level socket board, or on a stand's table."""
+"""Where the units of a bench sit: on a level socket board, or on a stand."""
 
 from dut_emulator.interfaces import Surroundings
-from dut_emulator.server.bench_model import StandModel
+from dut_emulator.server.bench_kinds import SOCKET_BOARD
 from dut_emulator.server.configuration import BenchServerConfiguration
+from dut_emulator.stands.catalogue import live_stand
 from dut_emulator.stands.level_board import LevelBoard
-from dut_emulator.stands.three_axis_turntable import EncoderErrors, ThreeAxisTurntableModel
-from dut_emulator.stands.turntable_commands import TurntablePort
+from dut_emulator.stands.recording_stand import LiveStand
 
 
-def surroundings_of(configuration: BenchServerConfiguration) -> tuple[StandModel | None, Surroundings]:
+def surroundings_of(configuration: BenchServerConfiguration) -> tuple[LiveStand | None, Surroundings]:
     """The bench's stand, if it has one, and what acts on its units."""
-    if configuration.kind == "socket_board":
+    if configuration.kind == SOCKET_BOARD:
         return None, LevelBoard(configuration.site)
-    table = ThreeAxisTurntableModel(
-        configuration.site, encoders=EncoderErrors(seed=configuration.instrument_seed)
-    )
-    return TurntablePort(table, f"Testloom,TT3,{configuration.bench_identity},1.0"), table
+    seed, identity = configuration.instrument_seed, configuration.bench_identity
+    stand = live_stand(configuration.kind, seed, configuration.site, identity)
+    return stand, stand.surroundings

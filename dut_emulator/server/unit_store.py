@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from dut_emulator.interfaces import EmulatedUnit
+from dut_emulator.products.catalogue import make_unit
+from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 
 MAX_SERIAL_LENGTH = 32
@@ -26,9 +28,13 @@ class UnitStore:
         TestloomError: the directory cannot be used.
     """
 
-    def __init__(self, directory: Path, seed: int) -> None:
+    def __init__(
+        self, directory: Path, seed: int, product: str = "gnc_module", twin: Twin | None = None
+    ) -> None:
         self._directory = directory
         self._seed = seed
+        self._product = product
+        self._twin = twin
         self._saved: dict[str, dict[str, Any]] = {}
         try:
             directory.mkdir(parents=True, exist_ok=True)
@@ -48,8 +54,6 @@ class UnitStore:
         Raises:
             TestloomError: it is no serial number, or the flash cannot be read.
         """
-        from dut_emulator.products.gnc_module import make_unit  # late: it takes a second to import
-
         if len(serial) > MAX_SERIAL_LENGTH or not _SERIAL.fullmatch(serial):
             raise TestloomError(
                 f"'{serial[:40]}' is no serial number.",
@@ -59,7 +63,7 @@ class UnitStore:
             )
         flash = self._read(serial)
         try:
-            unit = make_unit(self._seed, serial, flash)
+            unit = make_unit(self._product, self._seed, serial, flash, self._twin)
         except (KeyError, TypeError, ValueError) as error:
             raise self._damaged(serial, f"{type(error).__name__} {error}") from None
         self._saved[serial] = flash or {}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
-from dut_emulator.interfaces import StandModel, Surroundings
+from dut_emulator.interfaces import StandModel, Surroundings, TriggerLine
 from dut_emulator.motion.run import Run
 from protocol.errors import Fault, TestloomError
 
@@ -49,10 +49,14 @@ class RecordingStand(Protocol):
 
 @dataclass(frozen=True)
 class LiveStand:
-    """A stand on a bench: its command port with the stream, and where the unit sits."""
+    """A stand on a bench: its command port with the stream, where the unit sits, the line it triggers on.
+
+    `trigger_line` is None where nothing on the bench listens to it.
+    """
 
     port: StandModel
     surroundings: Surroundings
+    trigger_line: TriggerLine | None = None
 
 
 def beyond_limit(stand: str, what: str, remedy: str) -> TestloomError:

@@ -85,9 +85,9 @@ class _Begun:
 class VehiclePort:
     """See `StandModel` and `Surroundings`: the port, and what acts on the unit on the plate."""
 
-    def __init__(self, stand: VehicleRunStand, site: Site, identification: str) -> None:
+    def __init__(self, stand: VehicleRunStand, site: Site, identity: str) -> None:
         self._stand = stand
-        self._identification = identification
+        self._identification = f"Testloom,VRS,{identity},1.0"
         self._reference = Reference(stand.seed)
         self._runs = deque([_Begun(-math.inf, parked(site, stand.seed))], maxlen=MAX_RUNS)
         self._fault = "none"

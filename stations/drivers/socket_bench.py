@@ -61,7 +61,8 @@ class SocketBench:
         self._supply = SocketSupply(ScpiPowerSupply(arbitration.power_supply), self.resources.supply_channel)
         board = self.resources.board
         self._board = None if board is None else ScpiSession(board, f"socket board {socket}")
-        self._stand = None if description.stand is None else TurntableSession(description.stand)
+        stand = description.stand
+        self._stand = TurntableSession(stand) if stand and stand.kind == "three_axis_turntable" else None
         self._handler_channel = (
             None
             if description.control is None
@@ -114,12 +115,12 @@ class SocketBench:
     def unit_link(self, clock: BranchClock) -> GncModuleLink:
         """The unit's RS-422 link. Raises LinkError: it cannot be opened."""
         with self._lock:
+            link = _named(self.resources.unit_link, self.where, "link to the unit", "unit_link")
+            where = f"{self.where}, RS-422 {link}"
             if self._unit_port is None:
-                where = f"{self.where}, RS-422 {self.resources.unit_link}"
-                self._unit_port = open_port(self.resources.unit_link, baud_rate=BAUD_RATE, where=where)
+                self._unit_port = open_port(link, baud_rate=BAUD_RATE, where=where)
                 self._links.add(self._unit_port)
             if self._exchange is None:
-                where = f"{self.where}, RS-422 {self.resources.unit_link}"
                 self._exchange = FrameExchange(self._unit_port, where)
             return GncModuleLink(self._exchange, clock)
 
@@ -154,7 +155,9 @@ class SocketBench:
             return None
         with self._lock:
             if self._stream_port is None:
-                url = self._stand.stand.stream
+                url = _named(
+                    self._stand.stand.stream, self._stand.where, "stream of the stand", "stand.stream"
+                )
                 self._stream_port = open_port(url, baud_rate=STREAM_BAUD_RATE, where=self._stand.where)
                 self._links.add(self._stream_port)
             return LineTurntable(self._stand, self._stream_port, clock)
@@ -256,3 +259,14 @@ def _resources(description: BenchDescription, socket: str) -> SocketResources:
         fault=Fault.OPERATOR,
         remedy=f"use one of: {', '.join(r.socket for r in description.sockets)}.",
     )
+
+
+def _named(resource: str | None, where: str, what: str, key: str) -> str:
+    if resource is None:
+        raise LinkError(
+            f"The bench's description names no {what}.",
+            where=where,
+            fault=Fault.STATION,
+            remedy=f"add '{key}' to the description, or run this operation on a bench that has one.",
+        )
+    return resource

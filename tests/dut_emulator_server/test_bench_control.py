@@ -91,7 +91,7 @@ def test_an_endless_line_ends_its_own_connection_only(start_bench) -> None:
 
 
 def test_connections_are_bounded_and_become_free_again(start_bench, monkeypatch) -> None:
-    monkeypatch.setattr("dut_emulator.server.assembly.MAX_CONNECTIONS", 2)
+    monkeypatch.setattr("dut_emulator.server.listening.MAX_CONNECTIONS", 2)
     bench = start_bench()
     one, two = bench.participant("one"), bench.participant("two")
     host, port = bench.description.control.split(":")

@@ -1,0 +1,85 @@
+"""Every kind of bench over its ports: the stand answers, the unit is read by what the stand gives it."""
+
+import datetime
+
+import numpy as np
+import pytest
+
+from dut_emulator.products.catalogue import PRODUCTS, product_named
+from dut_emulator.server.bench_kinds import BENCH_KINDS, SOCKET_BOARD, WIRING
+from dut_emulator.stands.catalogue import STANDS
+from protocol.mems_ahrs import FrameType as MemsFrameType
+
+STAND_KINDS = sorted(BENCH_KINDS.keys() - {SOCKET_BOARD})
+
+
+def test_benches_take_the_products_that_have_a_profile_for_their_stand() -> None:
+    assert set(STAND_KINDS) == set(STANDS)
+    mountings = {
+        (mounting.stand, product)
+        for product in PRODUCTS
+        for mounting in product_named(product).profiles.values()
+    }
+    wired = {(kind, product) for kind in STAND_KINDS for product in BENCH_KINDS[kind].products}
+    assert wired == mountings
+    assert set(WIRING) == set(PRODUCTS)
+
+
+@pytest.mark.parametrize("kind", STAND_KINDS)
+def test_a_stand_says_what_it_is_and_until_when_it_is_calibrated(start_bench, kind: str) -> None:
+    bench = start_bench(kind=kind)
+    participant = bench.participant()
+    commands = bench.instrument(bench.description.stand.command)
+    assert bench.description.stand.kind == kind
+    maker, *_, identity, _ = commands.query("*IDN?").split(",")
+    assert (maker, identity) == ("Testloom", bench.description.bench_identity)
+    assert datetime.date.fromisoformat(commands.query("CAL?")) > datetime.date(2026, 1, 1)
+    assert all(float(limit) >= 0 for limit in commands.query("LIM?").replace("-", "").split(","))
+    assert commands.query("FLY").startswith("ERR 1 ")
+    if kind != "impact_rig":  # its stream is one record for each frame of a unit
+        stream = participant.open(bench.description.stand.stream)
+        assert commands.query("STRE ON,50") == "OK"
+        participant.wait(participant.now_s + 1.0)
+        assert len(stream.received) % 51 == 0
+        assert len(stream.received) > 51 * 8
+    assert participant.ask(op="inject", target="stand", fault="on_fire")["ok"] is False
+    assert participant.ask(op="inject", target="stand", fault="none")["ok"] is True
+
+
+@pytest.mark.parametrize(
+    ("kind", "product"), [(kind, product) for kind in STAND_KINDS for product in BENCH_KINDS[kind].products]
+)
+def test_a_unit_runs_on_its_stand(start_bench, kind: str, product: str) -> None:
+    """Powered, it draws current and sends something, or an instrument reads something from it."""
+    bench = start_bench(kind=kind, product=product)
+    participant = bench.participant()
+    supply = bench.instrument(bench.description.power_supply)
+    assert participant.ask(op="insert", socket="1", serial="U-0001")["ok"]
+    link = None
+    if bench.description.sockets[0].unit_link is not None:
+        link = participant.open(bench.description.sockets[0].unit_link)
+    assert supply.command(f"VOLT {WIRING[product].supply_v},(@1)") == '0,"No error"'
+    supply.command("CURR 2.0,(@1)")
+    supply.command("OUTP ON,(@1)")
+    participant.wait(participant.now_s + 3.0)
+    assert float(supply.query("MEAS:CURR? (@1)")) > 0.01
+    if product == "mems_ahrs":
+        answer = participant.exchange(link, MemsFrameType.IDENTIFY)
+        assert b"U-0001" in answer.payload
+    elif product == "fog":
+        assert len(link.received) > 1000  # it broadcasts
+    elif product == "pulse_imu":
+        counter = bench.instrument(bench.description.pulse_counter)
+        assert counter.command("CONF:GATE:TIME 1.0") == '0,"No error"'
+        assert counter.command("INIT") == '0,"No error"'
+        participant.wait(participant.now_s + 1.0)
+        counts = np.array(counter.query("FETC?").split(","), dtype=float)
+        assert counts.shape == (12,)
+        assert counts.sum() > 100  # gravity, if nothing else
+    elif product == "rate_gyro_triad":
+        meter = participant.open(bench.description.serial_multimeter)
+        meter.write(b"SYST:REM\nCONF:VOLT:DC\nROUT:SCAN (@1,2,3)\nREAD?\n")
+        participant.wait(participant.now_s + 3.0)
+        volts = [float(text) for text in meter.received.decode().split(",")]
+        assert len(volts) == 3
+        assert all(0 < abs(volt) < 0.1 for volt in volts)  # at rest: the zero-rate outputs
