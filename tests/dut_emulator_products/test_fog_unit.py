@@ -8,7 +8,7 @@ import pytest
 from calibration.algorithms.impact_detection import detect_impact
 from calibration.algorithms.pure_lag import PAPER_STAMPS, pure_lag
 from calibration.algorithms.pure_lag_shots import next_frame_after_impact_s, programmed_shots_needed
-from dut_emulator.effects.catalogue import effect_named
+from dut_emulator.effects.catalogue import CATALOGUE, candidate, effect_named
 from dut_emulator.effects.dynamics import FixedDelay
 from dut_emulator.effects.stochastic import WhiteNoise
 from dut_emulator.products.catalogue import product_named
@@ -86,12 +86,27 @@ def test_a_lost_frame_leaves_a_hole_and_its_number() -> None:
     assert {len(samples) for samples in columns.values()} == {len(numbers)}
 
 
+GYRO_EFFECTS = [name for name, (_, sensors) in CATALOGUE.items() if "gyro" in sensors]
+
+
+@pytest.mark.parametrize("name", GYRO_EFFECTS)
+def test_any_effect_of_a_gyro_can_be_in_its_twin(name: str) -> None:
+    lag = next(one for one in draw_twin(1, "U-0001").effects if isinstance(one, FixedDelay))
+    one = candidate(name, "gyro")
+    effects = sorted((one, *(() if isinstance(one, FixedDelay) else (lag,))), key=lambda effect: effect.stage)
+    columns = product_named("fog").begin(on_rig(2000.0, Twin("fog", tuple(effects)))).advance(0.2)["dut"]
+    assert len(columns["t"]) > 300
+    assert columns["gyro_z"].dtype == np.int32
+
+
 def test_what_cannot_be_is_refused() -> None:
     product = product_named("fog")
     with pytest.raises(TestloomError, match="8000 frames a second"):
         product.begin(on_rig(8000.0))
     with pytest.raises(TestloomError, match="sensor 'acc'"):
-        product.begin(on_rig(2000.0, Twin("fog", (effect_named("acc.bias", bias_si=(1e-3, 0.0, 0.0)),))))
+        product.begin(on_rig(2000.0, Twin("fog", (effect_named("acc.bias"),))))
+    with pytest.raises(TestloomError, match="sensor 'acc'"):
+        make_unit(1, "U-0001", None, Twin("fog", (effect_named("acc.bias"),)))
 
 
 def test_the_lots_gyros_are_two_types_of_a_tactical_gyro() -> None:

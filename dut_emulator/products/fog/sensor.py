@@ -58,6 +58,9 @@ SELF_HEATING_C = 3.0
 SELF_HEATING_TIME_S = 600.0
 """TL: light source and electronics warm the coil."""
 
+SUPPLY_V, SUPPLY_A = 5.0, 0.6
+"""TL: light source, cooler, electronics."""
+
 FAR_AGE = 8.0
 """In τ: older input weighs 3e-4."""
 MIDDLE_AGE = 2.0
@@ -81,7 +84,7 @@ class FogSamples:
 
 
 class FogSensor:
-    """One gyro from a power-on on. Calls go forward in time.
+    """One gyro from a power-on on. Calls go forward in time. `supply_v`: at its pins, to be set.
 
     Raises:
         TestloomError: the twin has effects of a triad that a gyro has not, or the frame rate cannot be.
@@ -94,8 +97,9 @@ class FogSensor:
         seed: np.random.SeedSequence,
         power_on_s: float,
     ) -> None:
-        _check_effects(twin)
+        check_effects(twin)
         effects = chain_effects(twin, stand_effects, "gyro")
+        self.supply_v = SUPPLY_V
         self._power_on_s = power_on_s
         self._lag_ref_s = sum(effect.delay_s for effect in effects if isinstance(effect, FixedDelay))
         self._pole_s = sum(effect.time_constant_s for effect in effects if isinstance(effect, Bandwidth))
@@ -127,6 +131,8 @@ class FogSensor:
             time_s=received_s,
             rate_rad_s=self._behind_pole(shown_s, stimulus.channel("rate_rad_s"), acting),
             temperature_c=temperature_c,
+            supply_v=np.full(len(received_s), self.supply_v),
+            supply_current_a=np.full(len(received_s), SUPPLY_A),
             sample_period_s=1.0 / frame_rate_hz,
             power_on_s=self._power_on_s,
         )
@@ -188,7 +194,12 @@ def check_frame_rate(rate_hz: float) -> None:
         )
 
 
-def _check_effects(twin: Twin) -> None:
+def check_effects(twin: Twin) -> None:
+    """Refuse a twin of another kind of unit.
+
+    Raises:
+        TestloomError: an effect of a sensor that a gyro has not.
+    """
     for effect in twin.effects:
         if effect.sensor not in ("gyro", "temperature"):
             raise TestloomError(

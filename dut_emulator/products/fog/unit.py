@@ -19,7 +19,7 @@ from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
 from dut_emulator.lot import LotDraw
 from dut_emulator.motion.impact_profile import TakesFrames
 from dut_emulator.products.fog.population import draw_twin
-from dut_emulator.products.fog.sensor import FogSensor
+from dut_emulator.products.fog.sensor import SUPPLY_A, FogSensor, check_effects
 from dut_emulator.products.stand_unit import StandUnit
 from dut_emulator.twin import Twin
 from protocol.fog import (
@@ -40,8 +40,6 @@ ANSWER_S = QUERY_PROCESSING_S + FRAME_TRANSMISSION_S
 BLOCK_S = 0.05
 """Of broadcast frames, when nobody stops time earlier; each still has its own instant."""
 MAX_FRAMES_PER_OUTPUT = 8192
-RUNNING_A = 0.6
-"""At 5 V: light source, cooler, electronics."""
 _INSTANT_TOLERANCE_S = 1e-9
 _POWER_ON = 7_001
 """Purpose of `LotDraw.seed_for`."""
@@ -60,6 +58,7 @@ class FogUnit(StandUnit):
 
     def __init__(self, seed: int, serial: str, twin: Twin) -> None:
         super().__init__(serial)
+        check_effects(twin)
         self._draw = LotDraw(seed, serial)
         self._twin = twin
         self._sensor: FogSensor | None = None
@@ -104,6 +103,7 @@ class FogUnit(StandUnit):
         surroundings = self._surroundings
         assert self._sensor is not None
         assert surroundings is not None
+        self._sensor.supply_v = self._supply_v
         samples = self._sensor.sample(received_s, self._rate_hz, self._acting)
         counters = (self._counter + np.arange(len(received_s))).astype(np.uint8)
         self._counter += len(received_s)
@@ -147,4 +147,4 @@ class FogUnit(StandUnit):
         return due_s if math.isfinite(due_s) else None
 
     def _running_current_a(self) -> float:
-        return RUNNING_A
+        return SUPPLY_A
