@@ -88,6 +88,8 @@ def test_what_the_paper_says_of_the_components() -> None:
     assert all(found.highest_c > found.rated_c for found in air)
     assert cooling.thermal_figures(Cooling.PASTE, AS_SIMULATED).exceedances == ()
     assert cooling.thermal_figures(Cooling.PASTE, AS_MEASURED).exceedances == ()
+    assert cooling.thermal_figures(Cooling.PASTE, AS_MEASURED, 70.0).leaves_calibrated_range
+    assert not cooling.thermal_figures(Cooling.PASTE, AS_MEASURED, 60.0).leaves_calibrated_range
     with pytest.raises(TestloomError, match="Scheme 3"):
         cooling.thermal_figures(Cooling.POTTED, AS_MEASURED)
 

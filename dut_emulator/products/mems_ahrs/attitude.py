@@ -1,9 +1,9 @@
 # pyright: strict
 """The unit's attitude algorithm: strapdown by quaternions, corrected by gravity while its gates are open.
 
-Body axes are x forward, y left, z up; the level frame is z up with the heading of power-on. Roll is right side
-down, pitch nose up, yaw clockwise: C_body_from_level = Rx(roll) Ry(−pitch) Rz(−yaw). With the unit on a
-turntable at zero heading they are the inner angle, less the middle one, less the outer one.
+Body axes are x forward, y left, z up; the level frame is z up with the heading of power-on. Roll is right
+side down, pitch nose up, yaw clockwise: C_body_from_level = Rx(roll) Ry(−pitch) Rz(−yaw). On a turntable they
+are the inner angle, less the middle one, less the outer one.
 
 Gyros are integrated at every sample (trapezoid). Every `BLOCK` samples, if the gates were open throughout,
 the mean specific force f is held against the up direction u that the attitude gives: e = f/|f| × u turns the

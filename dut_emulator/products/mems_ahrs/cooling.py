@@ -25,6 +25,7 @@ import numpy as np
 from dut_emulator.effects.effect import FloatArray
 from dut_emulator.products.mems_ahrs.thermal_network import AMBIENT, ThermalNetwork, ThermalState
 from protocol.errors import Fault, TestloomError
+from protocol.mems_ahrs import CALIBRATED_RANGE_C
 
 NODES = ("processor", "power_chips", "board", "gyro_area", "acc_area", "filling", "case")
 PROCESSOR, POWER_CHIPS, BOARD, GYRO_AREA, ACC_AREA, FILLING, CASE = range(len(NODES))
@@ -183,6 +184,12 @@ class ThermalFigures:
     temperature_c: FloatArray
     infrared_c: FloatArray
     exceedances: tuple[Exceedance, ...]
+
+    @property
+    def leaves_calibrated_range(self) -> bool:
+        """Whether a sensor's area goes where no calibration holds."""
+        sensors = self.infrared_c[:, 1:]
+        return bool(sensors.min() < CALIBRATED_RANGE_C[0] or sensors.max() > CALIBRATED_RANGE_C[1])
 
 
 def thermal_figures(
