@@ -89,6 +89,9 @@ def test_what_goes_wrong_is_said() -> None:
     assert counter.execute("STAT:QUES:COND?", session, 0.3) == "6"  # late, and off in between
     counter.execute("INIT", session, 0.9)
     assert "no edge to come" in session.next_error()
+    alone = PulseCounter(steady, None, "PC-2")
+    alone.execute("CONF:GATE:TRIG 1;INIT", session, 0.0)
+    assert "no edge to come" in session.next_error()
 
 
 def test_overflow_is_marked() -> None:
@@ -108,7 +111,7 @@ class Bench:
         self.port = OverloadPort(self.rig, "Testloom,SOR,R-1,1.0")
         self.unit = make_unit(1, "U-0001", twin=twin)
         self.unit.insert(self.rig, 0.0)
-        self.unit.set_supply(5.0, 0.0)
+        self.unit.set_supply(12.0, 0.0)
         self.counter = PulseCounter(self.unit, self.port, "PC-1")
         self.session = Session()
         self.now_s = 0.0
@@ -196,12 +199,12 @@ def test_totals_do_not_depend_on_when_they_are_asked_for() -> None:
 def test_power_and_identity_of_a_unit() -> None:
     bench = Bench()
     bench.pass_time(1.0)
-    assert bench.unit.supply_current_a(1.0) == pytest.approx(12.0 / 5.0)
+    assert bench.unit.supply_current_a(1.0) == pytest.approx(1.0)
     first = bench.unit.pulse_totals(1.0)
     bench.unit.set_supply(0.0, 1.0)
     assert not bench.unit.pulse_totals(1.5).any()
     assert bench.unit.flash_image() == {"power_cycles": 1}
-    bench.unit.set_supply(5.0, 2.0)
+    bench.unit.set_supply(12.0, 2.0)
     second = bench.unit.pulse_totals(3.0)
     assert (first != second).any(), "another turn-on has another bias and other noise"
     assert np.abs(first - second).max() < 10

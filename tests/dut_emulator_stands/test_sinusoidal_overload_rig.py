@@ -199,9 +199,10 @@ def test_the_rigs_own_errors_are_the_seeds() -> None:
 
 
 def new_port() -> OverloadPort:
-    port = live_stand("sinusoidal_overload_rig", 1, SITE, "R-1").port
-    assert isinstance(port, OverloadPort)
-    return port
+    stand = live_stand("sinusoidal_overload_rig", 1, SITE, "R-1")
+    assert isinstance(stand.port, OverloadPort)
+    assert stand.trigger_line is stand.port
+    return stand.port
 
 
 def port_at_speed(overload_g: float = 10.0) -> tuple[OverloadPort, float]:

@@ -25,7 +25,7 @@ from dut_emulator.products.pulse_imu.scale import PULSES_PER_SI, TRIADS
 
 PANELS = 2
 """Of a sample period."""
-NOMINAL_SUPPLY_V = 5.0
+NOMINAL_SUPPLY_V = 12.0
 SELF_HEATING_C, SELF_HEATING_TIME_S = 4.0, 600.0
 BLOCK = 4096
 """Sample periods that are worked on at once: the nodes of a triad stay in a processor's cache."""

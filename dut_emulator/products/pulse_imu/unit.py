@@ -41,6 +41,9 @@ def make_unit(
 class PulseImu(StandUnit):
     """See `EmulatedUnit`. Its noise follows from unit, number of the power-on and its moment."""
 
+    turn_on_v = 9.0
+    brown_out_v = 8.0
+
     def __init__(self, draw: LotDraw, twin: Twin, flash: dict[str, Any] | None = None) -> None:
         super().__init__(draw.serial)
         triad_effects(twin, (), np.random.SeedSequence(0))  # refuses what a unit cannot have

@@ -82,7 +82,7 @@ class OverloadPort:
         self.rig.inject(fault, now_s)
 
     def next_edge_s(self, after_s: float) -> float | None:
-        """The trigger line's next edge; see `pulse_counter.TriggerLine`."""
+        """The trigger line's next edge; see `TriggerLine`."""
         return self.rig.next_mark_s(after_s)
 
     def _dispatch(self, word: str, arguments: list[str], now_s: float) -> str:
