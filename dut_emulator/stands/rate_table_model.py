@@ -54,6 +54,7 @@ ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_NO_MARK, ERR_ARGUMENT,
 )
 FAULTS = ("none", "door_open", "lost_reference", "rate_not_reached")
 
+_REST_TOLERANCE_S = 1e-9
 _PURPOSE = 4_001
 _TRIADS: tuple[SensorName, ...] = ("gyro", "acc", "mag")
 
@@ -296,9 +297,6 @@ def beyond_acceleration(acceleration_deg_s2: float) -> str:
     if 0 < acceleration_deg_s2 <= MAX_ACCELERATION_DEG_S2:
         return ""
     return f"acceleration {acceleration_deg_s2:g} deg/s2 is not between 0 and {MAX_ACCELERATION_DEG_S2:g}"
-
-
-_REST_TOLERANCE_S = 1e-9
 
 
 def _rounded(values: FloatArray, quantum: float) -> FloatArray:

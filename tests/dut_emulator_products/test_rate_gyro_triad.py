@@ -121,8 +121,7 @@ def test_the_mean_over_an_aperture_has_the_noise_of_its_length() -> None:
     """White noise of N averages to N / √T; the aperture is far longer than the samples."""
     density = 0.004
     unit = powered(effect_named("gyro.angle_random_walk", density_si_per_sqrt_hz=(density * DEG_S,) * 3))
-    for aperture_s, count in ((0.2, 1500), (1.0, 400)):
-        start_s = round(unit._now_s if math.isfinite(unit._now_s) else 0.0) + 1.0
+    for start_s, aperture_s, count in ((1.0, 0.2, 1500), (302.0, 1.0, 400)):
         ends_s = start_s + aperture_s * np.arange(1, count + 1)
         means = [unit.mean_voltage_v("OUT_X", end_s - aperture_s, end_s) for end_s in ends_s.tolist()]
         expected = density * K_V_PER_DEG_S / math.sqrt(aperture_s)

@@ -11,7 +11,7 @@ from dut_emulator.effects.effect import name_of
 from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.rate_table_profile import RateAxis
-from dut_emulator.stands.rate_table import RateTable, live_stand, recording_stand
+from dut_emulator.stands.rate_table import RateTableRun, live_stand, recording_stand
 from dut_emulator.stands.rate_table_model import drawn_errors
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
@@ -23,9 +23,9 @@ VERTICAL_EARTH_RATE = EARTH_RATE * math.sin(math.radians(34.2))
 BODY_AXES = np.eye(3)
 
 
-def run(table: RateTable | None = None, **values: float):
+def run(**values: float) -> RateTableRun:
     kind = profile_named("eleven_point")
-    return (table or recording_stand(1, SITE)).run("eleven_point", kind.values(values))
+    return recording_stand(1, SITE).run("eleven_point", kind.values(values))
 
 
 @pytest.mark.parametrize("axis", [1, 2, 3])
