@@ -146,6 +146,11 @@ class Impacts:
 class StampsFrames(Protocol):
     """A run whose stand stamps every frame of the unit that it receives."""
 
+    @property
+    def frame_rate_hz(self) -> float:
+        """What it has told the unit to send."""
+        ...
+
     def stamps(self, received_s: FloatArray) -> NDArray[np.uint16]:
         """Stamps, as `protocol.impact_rig` has them, of frames whose last bytes came then, (n,)."""
         ...

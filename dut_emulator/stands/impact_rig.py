@@ -135,8 +135,14 @@ class ImpactRun:
     """K impacts, one in each slot of `spacing_s`; the timer is armed at the slot's start. See `Run`."""
 
     def __init__(
-        self, table: TableSurroundings, impacts: Impacts, triggers_s: FloatArray, spacing_s: float
+        self,
+        table: TableSurroundings,
+        impacts: Impacts,
+        triggers_s: FloatArray,
+        spacing_s: float,
+        frame_rate_hz: float,
     ) -> None:
+        self.frame_rate_hz = frame_rate_hz
         self._table, self._impacts, self._triggers_s = table, impacts, triggers_s
         # a frame that comes with the slot's start belongs to it, however the instants are rounded
         self._armed_s: FloatArray = np.arange(len(triggers_s), dtype=np.float64) * spacing_s - 1e-9
@@ -222,7 +228,7 @@ class ImpactRig:
             times_s = frames_s - ahead_s + programmed_error_s(shots, rng)
         impacts = Impacts(times_s, jumps, self._character.response)
         triggers_s = times_s + self._character.trigger_latency_s + jitter_s
-        return ImpactRun(self._table, impacts, triggers_s, spacing_s)
+        return ImpactRun(self._table, impacts, triggers_s, spacing_s, values["frame_rate_hz"])
 
     def _checked(self, profile: str, values: Mapping[str, float]) -> int:
         name = self.identity.stand_id

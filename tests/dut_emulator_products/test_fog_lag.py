@@ -171,20 +171,29 @@ def test_a_lag_beyond_the_timer_saturates_the_stamps_and_is_refused() -> None:
         lag_of(stamps, 500 * US)
 
 
-@pytest.mark.parametrize(("serial", "paper_us"), [("A-0003", 242.23), ("B-0003", 347.55)])
-def test_a_recorded_unit_of_each_type_gives_its_lag(serial: str, paper_us: float) -> None:
-    values = {"shots": 20.0, "spacing_s": 0.9}
+@pytest.mark.parametrize(
+    ("serial", "rate_hz", "lag_us"),
+    [
+        ("A-0003", 2000, 242.23),
+        ("B-0003", 2000, 347.55),
+        ("A-0003", 4000, 242.23 - 25.0),  # a tenth of the frame's period belongs to the lag
+        ("A-0003", 800, 242.23 + 75.0),
+    ],
+)
+def test_a_recorded_unit_of_each_type_gives_its_lag(serial: str, rate_hz: int, lag_us: float) -> None:
+    values = {"shots": 20.0, "spacing_s": 0.9, "frame_rate_hz": float(rate_hz)}
     recording = recorded("fog", "impact", values=values, serial=serial, stand_seed=2)
     dut = recording.streams["dut"].columns
     assert dut["stamp"].dtype == np.uint16
     stamps = []
     for slot in range(20):
-        inside = slice(round(slot * 0.9 * 2000), round((slot + 1) * 0.9 * 2000))
+        inside = slice(round(slot * 0.9 * rate_hz), round((slot + 1) * 0.9 * rate_hz))
         stamped = dut["stamp"][inside]
         first = int((stamped >> 15).argmax())
         outputs = dut["gyro_z"][inside][: first + 20].astype(float)
         stamps.append(stamped[detect_impact(outputs, first).frame])
-    found = lag_of(np.array(stamps), 500 * US)
+    found = lag_of(np.array(stamps), 1 / rate_hz)
     lag_s = next(e.delay_s for e in draw_twin(1, serial).effects if isinstance(e, FixedDelay))
-    assert lag_s == pytest.approx(paper_us * US, abs=7.5 * US)  # three deviations of lot and unit
+    lag_s += 0.1 * (1 / rate_hz - 1 / 2000)
+    assert lag_s == pytest.approx(lag_us * US, abs=7.5 * US)  # three deviations of lot and unit
     assert found.lower_s - SIGHT_S <= lag_s <= found.upper_s + RIG_DELAY_S + 0.2 * US

@@ -32,7 +32,7 @@ IMPACT = {"shots": 2.0, "spacing_s": 0.9}
 def on_rig(rate_hz: float, twin: Twin | None = None) -> UnitOnStand:
     run = recording_stand("impact_rig", 1, SITE).run(
         "impact",
-        {"peak_rate_deg_s": 40.0, "next_frame_us": -1.0, "step_us": 0.0, "frame_rate_hz": 2000.0} | IMPACT,
+        {"peak_rate_deg_s": 40.0, "next_frame_us": -1.0, "step_us": 0.0, "frame_rate_hz": rate_hz} | IMPACT,
     )
     return UnitOnStand(
         twin or draw_twin(1, "U-0001"), (), run, rate_hz, np.random.SeedSequence(3), "U-0001", -3600.0

@@ -3,7 +3,8 @@
 
 Column `gyro_z` holds the output Q in counts as it is sent (20,000 a °/s, 2000 at rest), `temp` the coil's
 temperature in steps of 0.01 °C, `counter` the frames' 8-bit number. On the impact rig, `stamp` is what the
-rig's acquisition module puts to each frame (`protocol.impact_rig`). `t` is when a frame's last byte came.
+rig's acquisition module puts to each frame (`protocol.impact_rig`); there the profile says the frame rate,
+since the lag depends on it. `t` is when a frame's last byte came.
 """
 
 from collections.abc import Mapping
@@ -85,8 +86,9 @@ class Fog:
 
     def begin(self, unit: UnitOnStand) -> UnitStreams:
         """See `Product`. Raises besides: a frame rate that the gyro has not."""
-        check_frame_rate(unit.rate_hz)
-        return FogStreams(unit)
+        rate_hz = unit.run.frame_rate_hz if isinstance(unit.run, StampsFrames) else unit.rate_hz
+        check_frame_rate(rate_hz)
+        return FogStreams(unit, rate_hz)
 
 
 PRODUCT = Fog()
@@ -95,8 +97,8 @@ PRODUCT = Fog()
 class FogStreams:
     """See `UnitStreams`."""
 
-    def __init__(self, unit: UnitOnStand) -> None:
-        self._rate_hz = unit.rate_hz
+    def __init__(self, unit: UnitOnStand, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
         self._acting = from_the_start(unit.run)
         self._stamping = unit.run if isinstance(unit.run, StampsFrames) else None
         self._sensor = FogSensor(unit.twin, unit.stand_effects, unit.seed, unit.power_on_s)
