@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from dut_emulator.instruments.scpi import Call, ScpiError, ScpiInstrument, number
 from dut_emulator.interfaces import TriggerLine
-from dut_emulator.interfaces import TriggerLine
 
 COUNTER_BITS = 24
 LEAST_GATE_S, MAX_GATE_S = 1e-6, 3600.0
@@ -45,7 +44,7 @@ class PulseSource(Protocol):
 
 
 class PulseCounter(ScpiInstrument):
-    """See the module."""
+    """See the module. `line`: the stand's trigger line, if it has one."""
 
     def __init__(self, source: PulseSource, line: TriggerLine | None, serial: str) -> None:
         super().__init__(f"Testloom,PC12,{serial},1.0")
@@ -101,9 +100,6 @@ class PulseCounter(ScpiInstrument):
         """Of each part of the gate that is over, (n, 12)."""
         totals = np.array(self._totals).reshape(-1, 12)
         return np.mod(np.diff(totals, axis=0), 2**COUNTER_BITS)
-
-    def _next_edge_s(self, after_s: float) -> float | None:
-        return self._line.next_edge_s(after_s) if self._line is not None else None
 
     def _next_edge_s(self, after_s: float) -> float | None:
         return self._line.next_edge_s(after_s) if self._line is not None else None
