@@ -1,9 +1,11 @@
 # pyright: strict
-"""The motion of one axis, exactly: pieces of constant acceleration, in any units of angle.
+"""The motion of one axis that is told step by step, exactly, in any units of angle.
 
-A trapezoid of rate is accelerate, cruise, brake, rest. A new command cuts off what was still to come.
+A trapezoid of rate is accelerate, cruise, brake, rest: pieces of constant acceleration. A swing is whole
+periods of a sine from one of its turning points. A new command cuts off what was still to come.
 """
 
+import dataclasses
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -46,12 +48,14 @@ class Trapezoid:
 
 @dataclass(frozen=True)
 class Piece:
-    """From `start_s` on, until the next piece: angle + rate t + acceleration t² / 2."""
+    """From `start_s` on, until the next: angle + rate t + acceleration t² / 2 + amplitude (1 − cos ωt)."""
 
     start_s: float
     angle: float
     rate: float
     acceleration: float
+    amplitude: float = 0.0
+    angular_frequency_rad_s: float = 0.0
 
 
 class AxisMotion:
@@ -77,6 +81,18 @@ class AxisMotion:
         ]
         self._table = None
 
+    def swing(self, amplitude: float, angular_frequency_rad_s: float, cycles: int, now_s: float) -> float:
+        """Begin whole periods between here and 2 amplitudes further; how long they take. At rest now."""
+        self._cut(now_s)
+        angle = float(self.at(np.array([now_s]))[0][0])
+        duration_s = cycles * 2 * math.pi / angular_frequency_rad_s
+        self._pieces += [
+            Piece(now_s, angle, 0.0, 0.0, amplitude, angular_frequency_rad_s),
+            Piece(now_s + duration_s, angle, 0.0, 0.0),
+        ]
+        self._table = None
+        return duration_s
+
     def brake(self, acceleration: float, now_s: float) -> None:
         """To rest from whatever rate, at this acceleration."""
         angles, rates, _ = self.at(np.array([now_s]))
@@ -92,12 +108,18 @@ class AxisMotion:
         """Angle, rate and acceleration at these times, each (n,)."""
         table = self._table
         if table is None:
-            table = np.array([(p.start_s, p.angle, p.rate, p.acceleration) for p in self._pieces])
+            table = np.array([dataclasses.astuple(piece) for piece in self._pieces])
             self._table = table
         index = np.maximum(np.searchsorted(table[:, 0], times_s, side="right") - 1, 0)
-        start_s, angle, rate, acceleration = table[index].T
+        start_s, angle, rate, acceleration, amplitude, omega = table[index].T
         passed = times_s - start_s
-        return angle + (rate + acceleration * passed / 2) * passed, rate + acceleration * passed, acceleration
+        angles = angle + (rate + acceleration * passed / 2) * passed
+        rates = rate + acceleration * passed
+        if not amplitude.any():
+            return angles, rates, acceleration
+        wave = amplitude * np.cos(omega * passed)
+        rates += amplitude * omega * np.sin(omega * passed)
+        return angles + amplitude - wave, rates, acceleration + omega**2 * wave
 
     def _cut(self, now_s: float) -> None:
         """Forget what would have begun later than now. The first piece always stays."""

@@ -6,6 +6,8 @@
     HOME                               OK, or ERR code text
     MOVE outer,middle,inner            OK duration_s
     ROT axis,angle,duration_s,ramp_s   OK duration_s
+    SWING axis,amplitude,rate,cycles   OK duration_s: sine of this amplitude and peak rate, whole periods
+                                       between the present angle and two amplitudes further
     STOP                               OK
     STAT?                              state, three angles, three rates, temperature of the probe
     LIM?                               three rates, three accelerations; 0: this axis has no drive
@@ -21,7 +23,7 @@ Angles are in degrees on the command port and in radians in the stream. An error
 from 10 up are the stand's own. Sample k of a stream is taken k / rate after `STRE ON`; samples of the past
 are taken before a command changes the motion.
 
-Omitted: continuous rate mode, sinusoidal motion, the axes' zero settings.
+Omitted: continuous rate mode, sweeps, the axes' zero settings.
 """
 
 import math
@@ -36,6 +38,16 @@ ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 MAX_STREAM_RATE_HZ = 2000.0
 STAND_FAULTS: Final = ("none", "door_open", "lost_reference", "rate_not_reached")
 _INSTANT_TOLERANCE_S = 1e-9
+
+
+class Turntable(EmulatedStand, Protocol):
+    """What the port asks of a stand."""
+
+    def swing(
+        self, axis: str, amplitude_deg: float, peak_rate_deg_s: float, cycles: float, now_s: float
+    ) -> float | StandRefusal:
+        """Whole periods of a sine on one axis."""
+        ...
 
 
 class Chamber(Protocol):
@@ -58,7 +70,7 @@ class TurntablePort:
 
     def __init__(
         self,
-        stand: EmulatedStand,
+        stand: Turntable,
         identification: str,
         calibration_due: str | None = None,
         chamber: Chamber | None = None,
@@ -103,20 +115,10 @@ class TurntablePort:
 
     def _dispatch(self, word: str, arguments: list[str], now_s: float) -> str:
         match word, len(arguments):
+            case "HOME" | "MOVE" | "ROT" | "SWING" | "STOP", _:
+                return self._motion(word, arguments, now_s)
             case "*IDN?", 0:
                 return self._identification
-            case "HOME", 0:
-                answer = self._stand.home(now_s)
-                return _refused(answer) if isinstance(answer, StandRefusal) else "OK"
-            case "MOVE", 3:
-                outer, middle, inner = (_number(text) for text in arguments)
-                return _done(self._stand.move((outer, middle, inner), now_s))
-            case "ROT", 4:
-                angle_deg, duration_s, ramp_s = (_number(text) for text in arguments[1:])
-                return _done(self._stand.rotate(arguments[0].lower(), angle_deg, duration_s, ramp_s, now_s))
-            case "STOP", 0:
-                self._stand.stop(now_s)
-                return "OK"
             case "STAT?", 0:
                 status = self._stand.status(now_s)
                 figures = (*status.angles_deg, *status.rates_deg_s, status.temperature_c)
@@ -129,10 +131,31 @@ class TurntablePort:
                 return self._calibration_due
             case "TEMP" | "TEMP?", _ if self._chamber is not None:
                 return self._temperature(self._chamber, word, arguments, now_s)
-            case (("*IDN?" | "HOME" | "MOVE" | "ROT" | "STOP" | "STAT?" | "LIM?" | "STRE"), count):
+            case (("*IDN?" | "STAT?" | "LIM?" | "STRE"), count):
                 raise ValueError(f"{word} does not take {count} arguments")
             case _:
                 return f"ERR {ERR_UNKNOWN} unknown command {word[:20]}"
+
+    def _motion(self, word: str, arguments: list[str], now_s: float) -> str:
+        match word, len(arguments):
+            case "HOME", 0:
+                answer = self._stand.home(now_s)
+                return _refused(answer) if isinstance(answer, StandRefusal) else "OK"
+            case "MOVE", 3:
+                outer, middle, inner = (_number(text) for text in arguments)
+                return _done(self._stand.move((outer, middle, inner), now_s))
+            case "ROT", 4:
+                angle_deg, duration_s, ramp_s = (_number(text) for text in arguments[1:])
+                return _done(self._stand.rotate(arguments[0].lower(), angle_deg, duration_s, ramp_s, now_s))
+            case "SWING", 4:
+                amplitude_deg, rate_deg_s, cycles = (_number(text) for text in arguments[1:])
+                axis = arguments[0].lower()
+                return _done(self._stand.swing(axis, amplitude_deg, rate_deg_s, cycles, now_s))
+            case "STOP", 0:
+                self._stand.stop(now_s)
+                return "OK"
+            case _, count:
+                raise ValueError(f"{word} does not take {count} arguments")
 
     def _temperature(self, chamber: Chamber, word: str, arguments: list[str], now_s: float) -> str:
         match word, len(arguments):

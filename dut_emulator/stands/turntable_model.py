@@ -36,6 +36,7 @@ ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_NO_MARK, ERR_ARGUMENT 
 REFERENCE_SEARCH_S = 3.0
 """The creep over the reference marks after the way to zero."""
 REST_TOLERANCE_S = 1e-9
+MAX_CYCLES = 100_000
 REACHED_SHARE = 0.9
 """Of the rate that is asked, under the fault 'rate_not_reached'."""
 
@@ -119,6 +120,20 @@ class TurntableModel:
             return refusal
         reached_deg = angle_deg * (REACHED_SHARE if self._fault == "rate_not_reached" else 1.0)
         self._axes[AXES.index(axis)].turn(Trapezoid(reached_deg, duration_s, ramp_s), now_s)
+        self._seeking_mark = False
+        self._busy_until_s = now_s + duration_s
+        return duration_s
+
+    def swing(
+        self, axis: str, amplitude_deg: float, peak_rate_deg_s: float, cycles: float, now_s: float
+    ) -> float | StandRefusal:
+        """Whole periods of a sine on one axis, from here as a turning point to 2 amplitudes further."""
+        refusal = self._refusal(now_s) or self._check_swing(axis, amplitude_deg, peak_rate_deg_s, cycles)
+        if refusal is not None:
+            return refusal
+        reached_deg = amplitude_deg * (REACHED_SHARE if self._fault == "rate_not_reached" else 1.0)
+        omega = peak_rate_deg_s / abs(amplitude_deg)
+        duration_s = self._axes[AXES.index(axis)].swing(reached_deg, omega, round(cycles), now_s)
         self._seeking_mark = False
         self._busy_until_s = now_s + duration_s
         return duration_s
@@ -235,17 +250,33 @@ class TurntableModel:
         if not 0.0 < ramp_s <= duration_s / 2:
             return StandRefusal(ERR_ARGUMENT, "ramp must be above 0 and at most half the duration")
         turn = Trapezoid(angle_deg, duration_s, ramp_s)
+        return self._beyond(axis, abs(turn.peak_rate), abs(turn.acceleration))
+
+    def _check_swing(
+        self, axis: str, amplitude_deg: float, peak_rate_deg_s: float, cycles: float
+    ) -> StandRefusal | None:
+        if axis not in AXES or not all(map(math.isfinite, (amplitude_deg, peak_rate_deg_s, cycles))):
+            return StandRefusal(ERR_ARGUMENT, "axis unknown, or not a number")
+        if (
+            amplitude_deg == 0
+            or peak_rate_deg_s <= 0
+            or cycles != round(cycles)
+            or not 0 < cycles <= MAX_CYCLES
+        ):
+            text = f"needs an amplitude, a rate above 0 and a whole number of cycles up to {MAX_CYCLES}"
+            return StandRefusal(ERR_ARGUMENT, text)
+        return self._beyond(axis, peak_rate_deg_s, peak_rate_deg_s**2 / abs(amplitude_deg))
+
+    def _beyond(self, axis: str, peak_deg_s: float, peak_deg_s2: float) -> StandRefusal | None:
         number = AXES.index(axis)
         if not self._limits.turns(number):
             return StandRefusal(ERR_ARGUMENT, f"the {axis} axis has no drive")
         rate, acceleration = self._limits.rate_deg_s[number], self._limits.acceleration_deg_s2[number]
-        if abs(turn.peak_rate) > rate:
-            text = f"peak rate {abs(turn.peak_rate):.1f} deg/s above the limit of {rate:g} deg/s"
+        if peak_deg_s > rate:
+            text = f"peak rate {peak_deg_s:.1f} deg/s above the limit of {rate:g} deg/s"
             return StandRefusal(ERR_LIMIT, text)
-        if abs(turn.acceleration) > acceleration:
-            text = (
-                f"acceleration {abs(turn.acceleration):.1f} deg/s2 above the limit of {acceleration:g} deg/s2"
-            )
+        if peak_deg_s2 > acceleration:
+            text = f"acceleration {peak_deg_s2:.1f} deg/s2 above the limit of {acceleration:g} deg/s2"
             return StandRefusal(ERR_LIMIT, text)
         return None
 

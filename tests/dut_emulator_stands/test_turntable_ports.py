@@ -1,5 +1,7 @@
 """Turntables behind their command ports: what they answer, refuse, and do when something is wrong."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -92,6 +94,38 @@ def test_a_drive_that_does_not_reach_its_rate_ends_short() -> None:
     bench.ask("MOVE 0,0,0")
     bench.ask("ROT outer,1080,5,2.2")
     assert bench.angles()[0] == pytest.approx(1080.0)
+
+
+def test_the_swing_of_paper_2_is_a_sine_within_the_limits() -> None:
+    bench = Bench("two_axis_turntable")
+    bench.home()
+    bench.ask("MOVE 0,0,-80")
+    began_s = bench.now_s
+    assert bench.ask("SWING inner,80,200,4") == f"OK {4 * 2 * math.pi / 2.5:.9f}"
+    times = np.linspace(began_s, bench.now_s, 4001)
+    acting = bench.live.surroundings.stimulus(times)
+    assert acting.rate_rad_s is not None
+    assert acting.angles_rad is not None
+    since = times - began_s
+    np.testing.assert_allclose(np.degrees(acting.angles_rad[:, 2]), -80 * np.cos(2.5 * since), atol=1e-6)
+    np.testing.assert_allclose(np.degrees(acting.rate_rad_s[:, 0]), 200 * np.sin(2.5 * since), atol=0.01)
+    assert bench.ask("STAT?").startswith("READY,")
+    assert bench.ask("SWING middle,80,200,4").startswith("ERR 12 acceleration 500.0")
+    assert bench.ask("SWING inner,80,700,4").startswith("ERR 12 peak rate 700.0")
+    assert bench.ask("SWING inner,80,200,1.5").startswith("ERR 15")
+    assert bench.ask("SWING outer,80,200,1").startswith("ERR 15 the outer axis has no drive")
+
+
+def test_a_swing_can_be_stopped_anywhere() -> None:
+    bench = Bench("three_axis_turntable")
+    bench.home()
+    began_s = bench.now_s
+    bench.ask("SWING inner,80,200,4")
+    bench.now_s = began_s + math.pi / 5  # a quarter period: 80° further at 200 °/s
+    assert bench.ask("STOP") == "OK"
+    bench.now_s += 200 / 500
+    assert bench.ask("STAT?").startswith("READY,")
+    assert bench.angles()[2] == pytest.approx(80 + 200**2 / (2 * 500))
 
 
 def test_a_fault_that_a_turntable_cannot_have() -> None:
