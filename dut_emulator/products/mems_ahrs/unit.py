@@ -11,7 +11,7 @@ The housing keeps its heat over a loss of power. Out of scope: the crystal's err
 
 import heapq
 from collections.abc import Callable
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -90,6 +90,8 @@ class MemsAhrsUnit(StandUnit):
             self._advance_to(now_s)
             self._send_samples(now_s, whole_blocks=False)
         super().set_supply(voltage_v, now_s)
+        if self._ahrs is not None:
+            self._ahrs.supply_v = voltage_v
         self._heat(now_s)
 
     def flash_image(self) -> dict[str, Any]:
@@ -99,9 +101,12 @@ class MemsAhrsUnit(StandUnit):
     # --- power
 
     def _power_on(self, surroundings: Surroundings, now_s: float) -> None:
-        del surroundings  # as since `insert`
+        assert self._housing is not None
         self._flash = self._flash.after_power_on()
         self._power_on_s = now_s
+        seed = self._draw.seed_for(_SENSOR_NOISE, self._flash.power_cycles, round(now_s * 1e6))
+        triads = [chain_effects(self._twin, surroundings.effects, sensor) for sensor in SENSORS]
+        self._ahrs = Ahrs(chain.from_iterable(triads), self._housing, self._flash, seed, now_s)
         self._boot(now_s)
 
     def _power_off(self, now_s: float) -> None:
@@ -110,19 +115,10 @@ class MemsAhrsUnit(StandUnit):
         self._outbox.clear()
 
     def _boot(self, now_s: float) -> None:
-        assert self._surroundings is not None
-        assert self._housing is not None
         self._ready_s = now_s + rs422.BOOT_DURATION_S
         self._stream = self._resets_s = None
         self._parser = FrameParser()
         self._last_flags, self._last_attitude_deg = 0, (np.nan, np.nan, np.nan)
-        seed = self._draw.seed_for(_SENSOR_NOISE, self._flash.power_cycles, round(now_s * 1e6))
-        effects = [
-            effect
-            for sensor in SENSORS
-            for effect in chain_effects(self._twin, self._surroundings.effects, sensor)
-        ]
-        self._ahrs = Ahrs(effects, self._housing, self._flash, seed, self._power_on_s)
 
     def _heat(self, now_s: float) -> None:
         """Let the housing come to now as it was; from here on it is heated by what runs now."""
