@@ -44,19 +44,19 @@ def products_table(products: list[Product]) -> Group:
         table.add_section()
     reveals = Table(title=say("Profiles"))
     reveals.add_column(say("Profile"), no_wrap=True)
-    reveals.add_column(say("What it is for"))
+    reveals.add_column(say("What it is for"), overflow="fold")
     for profile in dict.fromkeys(profile for product in products for profile in product.profiles):
-        reveals.add_row(profile, Text(PROFILES[profile].reveals))
+        reveals.add_row(profile, Text(say(PROFILES[profile].reveals)))
     return Group(table, reveals)
 
 
 def profile_table(kind: ProfileKind) -> Table:
     """A profile's parameters, for `--set`."""
-    table = Table(title=Text(kind.name), caption=Text(kind.reveals), caption_justify="left")
+    table = Table(title=Text(kind.name), caption=Text(say(kind.reveals)), caption_justify="left")
     for heading in (say("Parameter"), say("Default"), say("Unit"), say("Range"), say("What it is")):
-        table.add_column(heading, no_wrap=heading != say("What it is"))
+        table.add_column(heading, no_wrap=heading != say("What it is"), overflow="fold")
     for one in kind.parameters:
-        table.add_row(one.name, f"{one.default:g}", one.unit, f"{one.low:g} … {one.high:g}", one.meaning)
+        table.add_row(one.name, f"{one.default:g}", one.unit, f"{one.low:g} … {one.high:g}", say(one.meaning))
     return table
 
 
@@ -78,7 +78,7 @@ def catalogue_table() -> Table:
     table = Table(title=say("Effects"))
     for heading in (say("Effect"), say("Stage")):
         table.add_column(heading, no_wrap=True)
-    table.add_column(say("What it is"))
+    table.add_column(say("What it is"), overflow="fold")
     for kind in KINDS:
         names = dict.fromkeys(name_of(kind(sensor)) for sensor in kind.sensors)
         first_line = inspect.cleandoc(kind.__doc__ or "").splitlines()[0]
@@ -96,7 +96,7 @@ def effect_page(name: str) -> Group:
     effect = effect_named(name, sensors[0] if sensors else None)
     table = Table()
     for heading in (say("Parameter"), say("Unit"), say("Range"), say("What it is")):
-        table.add_column(heading, no_wrap=heading != say("What it is"))
+        table.add_column(heading, no_wrap=heading != say("What it is"), overflow="fold")
     for field, declaration in declarations(effect).items():
         low, high = range_for(declaration, effect.sensor)
         named = f"{field}_1_x …" if declaration.powers else f"{field}{_axes(getattr(effect, field))}"

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from cli.main import main
+from dut_emulator.motion.profile_catalogue import PROFILES
 from dut_emulator.recording import recording_files
 from dut_emulator.twin import read_twin
 from protocol.adapters.recording_forms import read_recording
+from protocol.language import say
 from protocol.recording_checks import equal_recordings
 
 RECORD = ["emulator", "record", "rate_gyro_triad", "static"]
@@ -165,6 +167,12 @@ def test_a_late_calibration_is_told_in_chinese_too(tmp_path, capsys):
     assert "的校准已于" in said.err
     assert "已记录 2 秒" in said.out
     assert main(["--lang", "en", "emulator", "--help"]) == 0
+
+
+def test_what_a_profile_is_for_is_said_in_chinese():
+    texts = {kind.reveals for kind in PROFILES.values()}
+    texts |= {parameter.meaning for kind in PROFILES.values() for parameter in kind.parameters}
+    assert [text for text in sorted(texts) if say(text, language="zh") == text] == []
 
 
 def test_pictures_of_a_unit(tmp_path, monkeypatch, capsys):
