@@ -27,7 +27,7 @@ from dut_emulator.twin import Twin
 
 FloatArray = NDArray[np.float64]
 
-INNER_RATE_HZ = 100
+INNER_RATE_HZ, TRACKING_RATE_HZ = 100, 10
 VELOCITY_NOISE_M_S = 0.03
 """Of one axis at a position deviation of `REFERENCE_DEVIATION_M`; 0.1 m/s is paper 1's limit (Table 3)."""
 REFERENCE_DEVIATION_M = 1.0
@@ -97,7 +97,7 @@ class GnssReceiver:
         """At these epochs (n,), counted in `INNER_RATE_HZ` from bench time 0, later than all before."""
         times_s = epochs / INNER_RATE_HZ
         signals = self._signals(times_s)
-        tracked = self._track(times_s, signals)
+        tracked = self._track(epochs, signals.power_dbm.shape)
         position, velocity = self._antenna(epochs)
         geometries = [
             self._geometry(signals.line_of_sight[row], power[row])
@@ -130,16 +130,19 @@ class GnssReceiver:
         place = self._place
         return place.signals(times_s) if isinstance(place, SignalSource) else open_sky(times_s)
 
-    def _track(self, times_s: FloatArray, signals: SatelliteSignals) -> NDArray[np.bool_]:
-        if not self._truth.acquires:
-            return np.zeros(signals.power_dbm.shape, dtype=bool)
-        if self._tracking is None and len(times_s):
+    def _track(self, epochs: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """(n, s) at the epochs; looked after at `TRACKING_RATE_HZ` whatever their rate."""
+        if not self._truth.acquires or len(epochs) == 0:
+            return np.zeros(shape, dtype=bool)
+        step = INNER_RATE_HZ // TRACKING_RATE_HZ
+        moments = np.union1d(np.arange(-(-self._inner // step) * step, int(epochs[-1]) + 1, step), epochs)
+        times_s = moments / INNER_RATE_HZ
+        if self._tracking is None:
             self._tracking = Tracking(self._search_s, self._frame_offset_s, self._power_on_s)
             before_s = np.array([self._power_on_s, max(self._power_on_s, times_s[0] - 1 / INNER_RATE_HZ)])
             self._tracking.tracked(before_s, self._signals(before_s).power_dbm)
-        if self._tracking is None:
-            return np.zeros(signals.power_dbm.shape, dtype=bool)
-        return self._tracking.tracked(times_s, signals.power_dbm)
+        tracked = self._tracking.tracked(times_s, self._signals(times_s).power_dbm)
+        return tracked[np.searchsorted(moments, epochs)]
 
     def _antenna(self, epochs: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Position through the chain and velocity, (n, 3) each, at the epochs."""
