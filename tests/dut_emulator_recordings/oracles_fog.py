@@ -23,6 +23,7 @@ UNIT = {
     "scale_factor_per_c": 35.84e-6,
     "asymmetry": 11.22e-6,
     "bias_deg_h_per_c": 5.544e-3,
+    "bias_deg_h_per_c2": -2.291e-4,
     "shupe_deg_h_per_c_min": 0.65302,
     "angle_random_walk_deg_sqrt_s": 2.35993e-4,
 }
@@ -145,10 +146,12 @@ def temperature_ramp(recording: Recording) -> None:
     ]
     rate_c_min = np.gradient(minutes[2], minutes[0]) * 60
     assert np.ptp(rate_c_min) > 3
-    design = np.stack([np.ones_like(rate_c_min), minutes[2] - 25, rate_c_min], axis=1)
-    _, per_c, shupe = np.linalg.lstsq(design, minutes[1], rcond=None)[0] / DEG_H
+    warm = minutes[2] - 25
+    design = np.stack([np.ones_like(warm), warm, warm**2, rate_c_min], axis=1)
+    _, per_c, per_c2, shupe = np.linalg.lstsq(design, minutes[1], rcond=None)[0] / DEG_H
     # the slow noise of 0.2 °/h hardly hides either over two hours
     assert abs(per_c - UNIT["bias_deg_h_per_c"]) < 4e-3
+    assert abs(per_c2 - UNIT["bias_deg_h_per_c2"]) < 1e-4
     assert abs(shupe - UNIT["shupe_deg_h_per_c_min"]) < 0.1
 
 

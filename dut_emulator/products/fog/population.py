@@ -64,7 +64,13 @@ def draw_twin(seed: int, serial: str) -> Twin:
             "gyro", (-1.0, -1.0, draw.normal("scale_factor", 0.0, Spread(unit=150e-6, lot=50e-6)))
         ),
         Bias("gyro", _z(DEG_H * draw.normal("bias", 0.0, Spread(unit=3.0, lot=1.0)))),
-        BiasTemperature("gyro", (_z(DEG_H * draw.normal("bias_c1", 0.0, Spread(unit=0.04, lot=0.01))),)),
+        BiasTemperature(
+            "gyro",
+            (
+                _z(DEG_H * draw.normal("bias_c1", 0.0, Spread(unit=0.04, lot=0.01))),
+                _z(DEG_H * draw.normal("bias_c2", 0.0, Spread(unit=4e-4, lot=1e-4))),
+            ),
+        ),
         ScaleFactorTemperature("gyro", (_z(draw.normal("scale_c1", 20e-6, Spread(unit=6e-6, lot=3e-6))),)),
         TemperatureRate("gyro", _z(per_c_minute * draw.normal("shupe", 1.0, Spread(unit=0.4, lot=0.2)))),
         ScaleFactorAsymmetry("gyro", _z(draw.normal("asymmetry", 0.0, Spread(unit=8e-6, lot=3e-6)))),
