@@ -175,7 +175,7 @@ class RecordingTurntable:
             what = f"{high_c:g} °C lies {high_c - limits.high_c:g} °C above what the chamber can do."
             raise beyond_limit(stand, what, f"give at most {limits.high_c:g} °C.")
         ramp = air.fastest_ramp_c_per_min
-        if ramp > limits.ramp_c_per_min * (1 + 1e-9):
+        if ramp > limits.ramp_c_per_min * (1 + 1e-6):
             over = ramp - limits.ramp_c_per_min
             what = f"A ramp of {ramp:.4g} °C/min is {over:.3g} °C/min faster than the chamber can do."
             raise beyond_limit(stand, what, f"give at most {limits.ramp_c_per_min:g} °C/min.")

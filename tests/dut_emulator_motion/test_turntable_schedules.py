@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dut_emulator.motion.axis_pieces import Sweep
+from dut_emulator.motion.profile import ProfileKind
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.schedule import AxisPath, Drives, Schedule
 from dut_emulator.motion.turntable_profiles import KINDS, what_fits
@@ -73,6 +74,43 @@ def test_peaks_are_what_is_reached(kind: str) -> None:
     for axis, path in enumerate(schedule.paths):
         reached = (np.abs(rate[:, axis]).max(), np.abs(acceleration[:, axis]).max())
         assert reached == pytest.approx(path.peaks, rel=1e-2)
+
+
+WHOLE = ("steps", "axis", "cycles", "logarithmic", "positions")
+
+
+@settings(max_examples=60)
+@given(st.sampled_from(KINDS), st.data())
+def test_angle_and_rate_go_on_whatever_is_asked(kind: ProfileKind, data: st.DataObject) -> None:
+    values = {}
+    for one in kind.parameters:
+        if one.name in WHOLE:
+            values[one.name] = one.default
+        else:
+            drawn = one.default * data.draw(st.floats(0.4, 1.6), label=one.name) if one.default else one.high
+            values[one.name] = min(max(drawn, one.low), one.high)
+    if kind.name == "rotation":
+        values["ramp_s"] = min(values["ramp_s"], values["duration_s"] / 2)
+    # a path asserts that it has no jumps; here its samples say so too
+    schedule = schedule_of(kind.name, kind.values(values), ONE_FAST if kind.name == "spin" else THREE)
+    times = np.linspace(-1.0, schedule.duration_s + 1.0, 4001)
+    step_s = times[1] - times[0]
+    angles, rates, _ = schedule.at(times)
+    for axis, path in enumerate(schedule.paths):
+        rate, acceleration = path.peaks
+        assert np.abs(np.diff(angles[:, axis])).max() <= rate * step_s * (1 + 1e-6) + 1e-6
+        assert np.abs(np.diff(rates[:, axis])).max() <= acceleration * step_s * (1 + 1e-6) + 1e-6
+        assert rates[0, axis] == rates[-1, axis] == 0.0
+
+
+def test_a_tumble_can_spin_the_other_axis_meanwhile() -> None:
+    schedule = scheduled("tumble", spin_deg_s=50.0)
+    times = np.arange(0.0, schedule.duration_s, 0.01)
+    rates = schedule.at(times)[1]
+    both = np.abs(rates[:, 1] - 12.0) < 1e-9
+    assert both.sum() * 0.01 == pytest.approx(30.0, abs=0.2)  # 360° at 12 °/s
+    # all but the inner axis' own ramps of half a second
+    assert (np.abs(rates[both, 2] - 50.0) < 1e-9).sum() * 0.01 == pytest.approx(29.2, abs=0.2)
 
 
 def test_an_axis_that_jumps_is_refused() -> None:
@@ -154,7 +192,7 @@ def test_sweep_runs_from_low_to_high_at_rest_on_both_ends(logarithmic: float) ->
     cycles = np.diff(sweep.phase_rad(ends))[0] / (2 * math.pi)
     expected = 19.9 * 60 / math.log(200) if logarithmic else 60 * 20.1 / 2
     assert cycles == pytest.approx(expected)
-    times = np.linspace(0.0, 60.0, 1_200_001)
+    times = np.linspace(0.0, 60.0, 600_001)
     crossings = times[1:][np.diff(np.sign(sweep.at(times)[0] - 10.0)) != 0]
     middle = (crossings > 20) & (crossings < 40)
     # between crossings lies half a period of the frequency there
