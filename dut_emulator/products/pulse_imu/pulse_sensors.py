@@ -98,7 +98,9 @@ class PulseSensors:
 
     def advance_to(self, acting: Acting, now_s: float) -> None:
         """Run all sample periods that are over at a moment."""
-        self.advance(acting, self._grid.periods_until(now_s) - self._periods)
+        over = self._grid.periods_until(now_s)
+        while self._periods < over:
+            self._block(acting, min(BLOCK, over - self._periods))
 
     def integrals(self, acting: Acting, now_s: float) -> FloatArray:
         """Uncut integrals at a moment in the present sample period or later, (6, 2)."""
