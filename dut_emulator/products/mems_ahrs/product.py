@@ -40,15 +40,19 @@ from protocol.units_of_measure import factor_to_si
 
 _TURNTABLE = Mounting("two_axis_turntable", 200.0)
 _CHAMBER = Mounting("thermal_turntable", 100.0)
+_VEHICLE = Mounting("vehicle_run_stand", 100.0)
 _PROFILES: dict[str, Mounting] = {
     "static": _TURNTABLE,
     "multi_position": _TURNTABLE,
+    "rotation": _TURNTABLE,
     "rate_staircase": _TURNTABLE,
+    "tumble": _TURNTABLE,
     "swing": _TURNTABLE,
     "sweep": _TURNTABLE,
     "temperature_ramp": _CHAMBER,
     "thermal_positions": _CHAMBER,
-    "flight": Mounting("vehicle_run_stand", 100.0),
+    "vehicle_run": _VEHICLE,
+    "flight": _VEHICLE,
 }
 
 SHAPE = StreamShape(
