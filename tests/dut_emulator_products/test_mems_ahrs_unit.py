@@ -8,6 +8,7 @@ import struct
 import numpy as np
 import pytest
 
+from dut_emulator.effects.catalogue import CATALOGUE, candidate
 from dut_emulator.effects.deterministic import Bias, BiasTemperature
 from dut_emulator.effects.effect import Stimulus
 from dut_emulator.effects.fields_and_tones import HardIron
@@ -16,6 +17,8 @@ from dut_emulator.products.mems_ahrs import make_unit
 from dut_emulator.products.mems_ahrs.compensation import Node, TriadCompensation
 from dut_emulator.products.mems_ahrs.product import PRODUCT
 from dut_emulator.products.mems_ahrs.unit_effects import draw_twin
+from dut_emulator.recording.order import RecordingOrder
+from dut_emulator.recording.recorder import RecordingSession, recorded
 from dut_emulator.stands.level_board import LevelBoard
 from dut_emulator.twin import Twin, parse_twin, twin_text
 from protocol import mems_ahrs as rs422
@@ -293,3 +296,28 @@ def test_a_turn_to_the_left_is_seen_on_the_link() -> None:
 
 def test_a_frame_of_the_stream_is_what_the_layout_says() -> None:
     assert rs422.SAMPLE_DTYPE.itemsize == 4 + 8 + 6 + 6 + 6 + 6 + 2
+
+
+def test_a_twin_may_have_any_effect_of_its_sensors_and_keeps_its_attitude() -> None:
+    base = draw_twin(1, "U-0001")
+    for name, (_, sensors) in CATALOGUE.items():
+        for sensor in {"gyro", "acc", "temperature"} & set(sensors):
+            if name.endswith("flicker_noise"):
+                continue  # another form of the bias instability that the twin has
+            twin = base.with_effect(candidate(name, sensor))
+            dut = (
+                recorded("mems_ahrs", "static", values={"duration_s": 1.0}, twin=twin).streams["dut"].columns
+            )
+            tilt = np.abs(np.stack([dut["roll"], dut["pitch"]]))
+            assert tilt.max() < 5.0, name
+
+
+def test_a_unit_that_was_powered_before_is_warm_and_asking_twice_gives_nothing_more() -> None:
+    order = RecordingOrder("mems_ahrs", "static", values={"duration_s": 2.0}, powered_before_s=3600.0)
+    session = RecordingSession(order)
+    streams = PRODUCT.begin(session.unit)
+    first = streams.advance(1.0)["dut"]
+    assert len(first["t"]) == 201
+    assert first["temp_gyro"].mean() == pytest.approx(23.0 + 5.65, abs=0.1)
+    assert all(len(column) == 0 for column in streams.advance(1.0)["dut"].values())
+    assert streams.advance(2.0)["dut"]["counter"][0] == 201
