@@ -15,6 +15,8 @@ from dut_emulator.effects.stochastic import BiasInstability, StochasticEffect, g
 
 RATIO_OF_TIMES = 4.0
 """Of neighbouring Gauss–Markov terms of flicker noise; its spectrum then ripples by less than 1 %."""
+DRAWN_AT_ONCE = 512
+"""Samples: so much of the terms' noise is turned over inside a processor's cache."""
 ALLAN_FLOOR_OF_FLICKER = 0.6643
 """√(2 ln 2 / π): the flat of the Allan deviation over B (IEEE 952, annex C)."""
 
@@ -50,17 +52,22 @@ class FlickerNoise(StochasticEffect):
         if self.is_neutral or len(samples) == 0:
             return samples
         times = self.correlation_times_s()
-        drives = rng.standard_normal((len(samples), len(times), 3))  # in the order of the samples
+        rows = np.empty((len(times) * 3, len(samples)))
+        for begin in range(0, len(samples), DRAWN_AT_ONCE):  # in the order of the samples
+            part = rows[:, begin : begin + DRAWN_AT_ONCE]
+            part[:] = rng.standard_normal(part.shape[::-1]).T
         total = np.zeros_like(samples)
         for term, time in enumerate(times):
             phi = float(np.exp(-stimulus.sample_period_s / time))
-            drive, last = drives[:, term], state.carried.get(f"term {term}")
+            drive, last = rows[3 * term : 3 * term + 3].T, state.carried.get(f"term {term}")
             drive[0 if last is not None else 1 :] *= np.sqrt(1.0 - phi * phi)
             process = first_order(drive, phi, np.zeros(3) if last is None else phi * last)
             state.carried[f"term {term}"] = process[-1].copy()
             total += process
         deviation = np.sqrt(np.log(RATIO_OF_TIMES) / np.pi) * np.asarray(self.coefficient_si)
-        return samples + total * deviation
+        total *= deviation
+        total += samples
+        return total
 
     def allan_deviation(self, spans_s: FloatArray, sample_period_s: float) -> FloatArray:
         """Of the sum of terms, (m, 3)."""
