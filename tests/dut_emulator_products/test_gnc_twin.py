@@ -27,6 +27,7 @@ from protocol.errors import TestloomError
 from protocol.frames import FrameBlock, FrameParser, encode_frame
 from protocol.gnc_module import SAMPLE_DTYPE, START_STREAM_LAYOUT, FrameType
 
+ZERO = (0.0, 0.0, 0.0)
 SITE = Site(latitude_deg=34.2, gravity_m_s2=9.797)
 HEALTHY = next(
     unit for unit in (draw_unit(7, f"GM-{n:04d}") for n in range(1, 99)) if unit.category is Category.HEALTHY
@@ -92,7 +93,7 @@ def test_the_magnetometer_by_hand() -> None:
 def test_belief_is_the_twins_matrix_and_bias() -> None:
     twin = Twin(
         "gnc_module",
-        (SoftIron("mag", ((0.0, 0.01, 0.0), (0.0,) * 3, (0.0,) * 3)), HardIron("mag", (1e-5, 0.0, -2e-5))),
+        (SoftIron("mag", ((0.0, 0.01, 0.0), ZERO, ZERO)), HardIron("mag", (1e-5, 0.0, -2e-5))),
     )
     said = believed_of(twin)
     assert said["mag"]["matrix"] == [[1.0, 0.01, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]

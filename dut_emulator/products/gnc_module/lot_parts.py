@@ -11,9 +11,10 @@ Table 2: bias stability of five units, 3.6 to 9.1 °/h · TL stated by this proj
 
 import dataclasses
 import math
+from functools import lru_cache
 
 from dut_emulator.effects.parameters import Triple
-from dut_emulator.lot import LotDraw, Spread
+from dut_emulator.lot import UNITS_PER_WAFER, LotDraw, Spread
 from dut_emulator.products.gnc_module.product_limits import DEG, MG
 from dut_emulator.products.gnc_module.unit_truth import GnssTruth, MagnetometerTruth, TriadTruth, UnitTruth
 
@@ -44,22 +45,22 @@ def with_lot_parts(unit: UnitTruth) -> UnitTruth:
 
 
 def _triad(triad: TriadTruth, sensor: str, draw: LotDraw) -> TriadTruth:
-    common = draw.triple(f"{sensor}_bias_temperature", 0.0, _BIAS_TEMPERATURE[sensor])
-    level = draw.triple(f"{sensor}_bias_instability", 0.0, _SLOW_NOISE)
+    common = _triple(draw, f"{sensor}_bias_temperature", _BIAS_TEMPERATURE[sensor])
+    level = _triple(draw, f"{sensor}_bias_instability", _SLOW_NOISE)
     return dataclasses.replace(
         triad,
-        scale_factor_temperature_per_c=draw.triple(f"{sensor}_scale_temperature", 0.0, _SCALE_TEMPERATURE),
+        scale_factor_temperature_per_c=_triple(draw, f"{sensor}_scale_temperature", _SCALE_TEMPERATURE),
         bias_temperature_si_per_c=_joined(triad.bias_temperature_si_per_c, common),
         bias_instability_si=_scaled(triad.bias_instability_si, level),
     )
 
 
 def _magnetometer(truth: MagnetometerTruth, draw: LotDraw) -> MagnetometerTruth:
-    xy, xz, yz = draw.triple("soft_iron", 0.0, _SOFT_IRON)
+    xy, xz, yz = _triple(draw, "soft_iron", _SOFT_IRON)
     return dataclasses.replace(
         truth,
         soft_iron=((0.0, xy, xz), (xy, 0.0, yz), (xz, yz, 0.0)),
-        scale_factor_temperature_per_c=draw.triple("mag_scale_temperature", 0.0, _MAG_SCALE_TEMPERATURE),
+        scale_factor_temperature_per_c=_triple(draw, "mag_scale_temperature", _MAG_SCALE_TEMPERATURE),
     )
 
 
@@ -70,6 +71,18 @@ def _receiver(truth: GnssTruth, draw: LotDraw) -> GnssTruth:
         antenna_arm_m=_joined(_ARM_M, draw.triple("antenna_arm", 0.0, _ARM)),
         multipath_m=draw.around("multipath", _MULTIPATH_M, _MULTIPATH),
     )
+
+
+def _triple(draw: LotDraw, name: str, spread: Spread) -> Triple:
+    """As `LotDraw.triple` about 0; what a wafer shares is drawn once for all of it."""
+    shared = _shared(draw.seed, draw.wafer, name, spread)
+    return _joined(shared, draw.triple(name, 0.0, Spread(unit=spread.unit))) if spread.unit else shared
+
+
+@lru_cache(maxsize=1024)
+def _shared(seed: int, wafer: int, name: str, spread: Spread) -> Triple:
+    first = LotDraw(seed, str(wafer * UNITS_PER_WAFER))
+    return first.triple(name, 0.0, dataclasses.replace(spread, unit=0.0))
 
 
 def _joined(one: Triple, other: Triple) -> Triple:
