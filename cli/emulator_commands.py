@@ -245,8 +245,18 @@ def _twin_in(path: Path) -> "Twin":
 def _twin_of(unit: str, seed: int, serial: str) -> "Twin":
     """Of a product's unit, else of a file."""
     from dut_emulator.products.catalogue import PRODUCTS, product_named
+    from protocol.errors import Fault, TestloomError
 
-    return product_named(unit).twin(seed, serial) if unit in PRODUCTS else _twin_in(Path(unit))
+    if unit in PRODUCTS:
+        return product_named(unit).twin(seed, serial)
+    if not Path(unit).exists():
+        raise TestloomError(
+            f"'{unit}' is neither a product nor a twin file.",
+            where="command line",
+            fault=Fault.OPERATOR,
+            remedy=f"use one of: {', '.join(PRODUCTS)}, or the name of a file.",
+        )
+    return _twin_in(Path(unit))
 
 
 def _keep(twin: "Twin", out: Path) -> None:

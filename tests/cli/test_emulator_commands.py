@@ -102,6 +102,8 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
             "above its limit",
         ),
         ([*RECORD, "--latitude", "91"], "There is no such site"),
+        (["emulator", "show", "rocket"], "'rocket' is neither a product nor a twin file"),
+        (["emulator", "plot", "{no product}"], "There is no product ''"),
         (["emulator", "with", "rate_gyro_triad", "gyro.charm", "x=1"], "There is no effect 'gyro.charm'"),
         (["emulator", "with", "rate_gyro_triad", "stand.wobble", "x=1"], "not on a triad left open"),
         (["emulator", "with", "rate_gyro_triad", "gyro.bias"], "'gyro.bias' without parameters"),
@@ -111,7 +113,10 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
     ],
 )
 def test_what_cannot_be_is_refused_with_a_sentence(tmp_path, capsys, arguments, says):
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
+    nobodys = tmp_path / "nobodys.json"
+    nobodys.write_text('{"format": "testloom-twin/1", "effects": []}')
+    given = [str(nobodys) if word == "{no product}" else word for word in arguments]
+    assert main([*given, "--out", str(tmp_path / "out")]) == 1
     shown = capsys.readouterr().err
     assert says in shown
     assert "What to do" in shown
