@@ -96,6 +96,22 @@ def test_the_matrix_of_g_sensitivity_comes_back(crank: int) -> None:
     assert (found.standard_uncertainty < 0.1 * np.abs(true).max()).all()
 
 
+def test_a_lot_lies_about_the_papers_sizes() -> None:
+    """Means of forty lots of one unit: Kax 1e-4, K2 1e-5 / g, D 5e-4 °/s/g of the own axis, none across."""
+    lots = [{name_of(e): e for e in PRODUCT.twin(seed, SERIAL).effects} for seed in range(40)]
+
+    def mean(name: str, field: str) -> np.ndarray:
+        return np.mean([np.asarray(getattr(lot[name], field)) for lot in lots], axis=0)
+
+    asymmetry = mean("acc.scale_factor_asymmetry", "asymmetry")
+    np.testing.assert_allclose(asymmetry, 1e-4, atol=3 * 3.6e-5 / 40**0.5)
+    odd = mean("acc.odd_quadratic_nonlinearity", "odd_square") * G
+    np.testing.assert_allclose(odd, 1e-5, atol=3 * 3.6e-6 / 40**0.5)
+    sensitivity = mean("gyro.g_sensitivity", "acc") * G / DEG
+    np.testing.assert_allclose(sensitivity, 5e-4 * np.eye(3), atol=3.5 * 1.5e-4 / 40**0.5)
+    assert PRODUCT.twin(1, "U-0001") == PRODUCT.twin(1, "U-0001") != PRODUCT.twin(1, "U-0002")
+
+
 def test_the_recording_says_no_more_than_is_known() -> None:
     recording = record(1, 0, 5.0)
     told = json.dumps([recording.believed, dict(recording.test), dict(recording.stand)])

@@ -87,6 +87,7 @@ def test_what_goes_wrong_is_said() -> None:
     steady.on = False
     counter.advance(0.3)
     assert counter.execute("STAT:QUES:COND?", session, 0.3) == "6"  # late, and off in between
+    np.testing.assert_allclose(read(counter, session, "FETC:TIM?", 0.3), [0.1, 0.3])
     counter.execute("INIT", session, 0.9)
     assert "no edge to come" in session.next_error()
     alone = PulseCounter(steady, None, "PC-2")

@@ -153,6 +153,9 @@ def test_how_the_unit_sits(axis: int, up: int) -> None:
     earth = 7.292115e-5
     assert stimulus.channel("rate_rad_s")[0, up] == pytest.approx(earth * math.sin(math.radians(40)))
     assert np.linalg.norm(stimulus.channel("rate_rad_s")[0]) == pytest.approx(earth)
+    # (Ω × g) · stroke is the same in any right-handed axes: Ω cos φ g
+    across = np.cross(stimulus.channel("rate_rad_s")[0], mean)[axis - 1]
+    assert across == pytest.approx(earth * math.cos(math.radians(40)) * SITE.gravity_m_s2)
     rows = np.array(stimulus.channel("specific_force_m_s2")[:1])
     np.testing.assert_array_equal(run.stimulus(times_s[:1]).channel("specific_force_m_s2"), rows)
 
