@@ -261,6 +261,8 @@ def test_what_is_believed_is_the_twin_as_far_as_the_format_goes() -> None:
 def test_other_sensors_are_refused_and_lost_frames_are_gaps() -> None:
     with pytest.raises(TestloomError, match="has no mag"):
         make_unit(1, "U-1", twin=Twin("mems_ahrs", (HardIron("mag"),)))
+    with pytest.raises(TestloomError, match="one of a fog"):
+        make_unit(1, "U-1", twin=Twin("fog"))
     lossy = draw_twin(7, "U-0042").with_effect(FrameLoss("gyro", 0.3))
     samples = Host(twin=lossy).stream(100, 5.0)
     steps = np.diff(samples["counter"].astype(int))

@@ -13,7 +13,7 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray
 from dut_emulator.products.mems_ahrs import cooling
 from dut_emulator.products.mems_ahrs.compensation import Flash
-from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_effects
+from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_twin
 from dut_emulator.products.mems_ahrs.unit_effects import (
     BIAS_CORRELATION_TIME_S,
     NOISE_UNIT_SPREAD,
@@ -134,7 +134,7 @@ class _Streams:
         self._period_s = 1.0 / unit.rate_hz
         self._next = 0
         self._compensated = not product.flash.is_blank
-        check_effects(unit.twin.effects)
+        check_twin(unit.twin)
         warmth, *triads = (
             chain_effects(unit.twin, unit.stand_effects, sensor) for sensor in ("temperature", *SENSORS)
         )

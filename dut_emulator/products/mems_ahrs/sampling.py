@@ -40,6 +40,7 @@ from dut_emulator.products.mems_ahrs.unit_effects import (
     GYRO_RANGE_RAD_S,
     TURN_ON_DEVIATION,
 )
+from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 from protocol.mems_ahrs import CALIBRATED_RANGE_C, SUPPLY_NOMINAL_V, Component, SampleFlag, Sensor
 
@@ -233,20 +234,24 @@ def _turned_on(
     return found
 
 
-def check_effects(effects: Iterable[CatalogueEffect]) -> None:
+def check_twin(twin: Twin) -> None:
     """Refuse what a unit of this kind cannot have.
 
     Raises:
-        TestloomError: an effect on a sensor that it lacks.
+        TestloomError: another product's twin, or an effect on a sensor that it lacks.
     """
-    for effect in effects:
+    if twin.product not in ("", "mems_ahrs"):
+        raise _refused(f"The twin is one of a {twin.product}.", "give a twin of a mems_ahrs.")
+    for effect in twin.effects:
         if effect.sensor not in (*SENSORS, "temperature"):
-            raise TestloomError(
+            raise _refused(
                 f"A mems_ahrs has no {effect.sensor}, and cannot have '{name_of(effect)}'.",
-                where="twin of a mems_ahrs",
-                fault=Fault.DATA,
-                remedy="leave out effects on anything but gyro, acc and temperature.",
+                "leave out effects on anything but gyro, acc and temperature.",
             )
+
+
+def _refused(what: str, remedy: str) -> TestloomError:
+    return TestloomError(what, where="twin of a mems_ahrs", fault=Fault.DATA, remedy=remedy)
 
 
 def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:

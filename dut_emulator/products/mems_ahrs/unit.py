@@ -21,7 +21,7 @@ from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
 from dut_emulator.lot import LotDraw
 from dut_emulator.products.mems_ahrs import cooling
 from dut_emulator.products.mems_ahrs.compensation import Flash, Node, TriadCompensation
-from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_effects
+from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_twin
 from dut_emulator.products.mems_ahrs.stream import Stream
 from dut_emulator.products.mems_ahrs.unit_effects import draw_twin
 from dut_emulator.products.product import chain_effects
@@ -63,7 +63,7 @@ class MemsAhrsUnit(StandUnit):
         super().__init__(serial)
         self._draw = LotDraw(seed, serial)
         self._twin = twin or draw_twin(seed, serial)
-        check_effects(self._twin.effects)
+        check_twin(self._twin)
         self._flash = Flash.from_image(flash) if flash is not None else Flash()
         self._housing: Housing | None = None
         self._ahrs: Ahrs | None = None
