@@ -8,7 +8,7 @@
 | `STOP` | `OK duration_s`: braked to rest; `ERR 16` in the air |
 | `STAT?` | `state,phase,roll,pitch,yaw,speed,height,temperature_c`; state READY MOVING NOREF FAULT |
 | `PHAS?` | `name=begin_s,…` of the present or last run, in seconds from its start |
-| `LIM?` | `road_speed,road_cornering,flight_speed,bank,load_factor` (m/s, m/s², m/s, deg, g) |
+| `LIM?` | `road_speed,road_cornering,road_radius,flight_speed,bank,load_factor` (m/s, m/s², m, m/s, deg, g) |
 | `CAL?` | date until which the reference's calibration holds |
 | `STRE ON,rate_hz` `STRE OFF` | `OK`; samples on the stream link, up to 500 Hz |
 

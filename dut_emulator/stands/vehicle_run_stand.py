@@ -67,6 +67,7 @@ class VehicleLimits:
 
     road_speed_m_s: float = 40.0
     road_cornering_m_s2: float = 6.0
+    road_radius_m: float = 5.0
     flight_speed_m_s: float = 90.0
     bank_deg: float = 60.0
     load_factor: float = 1.9
@@ -225,6 +226,13 @@ def checked_course(
     else:
         cornering, remedy = values["cornering_m_s2"], "gentler curves (cornering_m_s2)"
         _refuse(identity, "cornering", cornering, LIMITS.road_cornering_m_s2, "m/s^2", remedy)
+        least_m = LIMITS.road_radius_m
+        radius_m = speed**2 / (2.0 * cornering)  # of the circle that is driven at half the speed
+        if radius_m < least_m:
+            text = f"The circle's radius of {radius_m:.3g} m is below the car's least, {least_m:g} m."
+            raise beyond_limit(
+                identity.stand_id, text, "ask for a higher speed_m_s or a lower cornering_m_s2."
+            )
     _refuse(identity, "speed", speed, fastest, "m/s", "a slower run (speed_m_s)")
     course = COURSES[profile](values, site, seed)
     force = course.path.motion(np.arange(0.0, course.duration_s, _LOAD_CHECK_S)).specific_force_m_s2

@@ -37,6 +37,11 @@ def test_beyond_a_limit_nothing_runs(profile: str, values: dict[str, float], lim
         run(profile, **values)
 
 
+def test_a_car_has_a_least_turning_circle() -> None:
+    with pytest.raises(TestloomError, match=r"radius of 0.8 m is below the car's least, 5 m"):
+        run("vehicle_run", speed_m_s=2.0)
+
+
 def test_another_stands_profile_is_refused() -> None:
     with pytest.raises(TestloomError, match="neither a drive nor a flight"):
         run("static")
@@ -85,7 +90,7 @@ def test_the_port_starts_reports_and_stops() -> None:
     live = live_stand("vehicle_run_stand", 5, SITE, "VR-0005,Testloom")
     port = live.port
     assert port.command("*IDN?", 0.0).startswith("Testloom,VRS,")
-    assert port.command("LIM?", 0.0) == "40,6,90,60,1.9"
+    assert port.command("LIM?", 0.0) == "40,6,5,90,60,1.9"
     assert port.command("CAL?", 0.0) == "2027-06-30"
     assert port.command("STAT?", 0.0).startswith("READY,rest,0.0")
     assert port.command("START flight,bank_deg=70", 1.0).startswith("ERR 12 The bank of 70 deg")
