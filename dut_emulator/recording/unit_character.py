@@ -1,8 +1,9 @@
 # pyright: strict
 """What a unit is like: its noise at rest, its errors over temperature, its answer to a step.
 
-Each figure is what the unit's own chains of effects make of a simple stimulus, in SI. For the two that are
-about errors, noise is left out, and what hides them: quantiser and link.
+Each figure is what the unit's own chains of effects make of a simple stimulus, in SI. Noise is left out
+but at rest, the link but in the step, the quantiser in the errors over temperature. A clock that runs fast is
+left out throughout: it moves a whole recording, and is no error of a sample.
 """
 
 import math
@@ -11,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dut_emulator.effects.dynamics import ClockDrift
 from dut_emulator.effects.effect import EffectChain, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.products.product import sample_times_s
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
@@ -58,12 +60,12 @@ def triads(twin: Twin) -> tuple[SensorName, ...]:
 def at_rest(twin: Twin, sensor: SensorName, rate_hz: float, samples: int, seed: int = 1) -> FloatArray:
     """(n, 3) of a unit that lies level, warm and at room temperature."""
     stimulus = _at_rest(np.arange(samples, dtype=np.float64) / rate_hz, rate_hz)
-    return _through(twin.chain(sensor), sensor, stimulus, seed)
+    return _through(_chain(twin, sensor, Stage.QUANTISER, noisy=True), sensor, stimulus, seed)
 
 
 def over_temperature(twin: Twin, sensor: SensorName) -> TemperatureCurve:
     """The deterministic errors along one cycle of temperature at 1 K a minute."""
-    chain = _without_noise(twin, sensor, Stage.FILTER)
+    chain = _chain(twin, sensor, Stage.FILTER)
     cycle_c = _cycle_c()
     times_s = np.arange(len(cycle_c), dtype=np.float64) * CYCLE_PERIOD_S
     stimulus = replace(_at_rest(times_s, 1 / CYCLE_PERIOD_S), temperature_c=cycle_c)
@@ -80,7 +82,7 @@ def over_temperature(twin: Twin, sensor: SensorName) -> TemperatureCurve:
 
 def step_response(twin: Twin, sensor: SensorName) -> tuple[FloatArray, FloatArray]:
     """Times (n,) from the step and the answer (n, 3), where 1 is the input: delay and bandwidth, no noise."""
-    chain = _without_noise(twin, sensor, Stage.TRANSPORT)
+    chain = _chain(twin, sensor, Stage.TRANSPORT)
     times_s = sample_times_s(0, STEP_SPAN_S, STEP_RATE_HZ)
     rest = replace(_at_rest(times_s, STEP_RATE_HZ), specific_force_m_s2=np.zeros((len(times_s), 3)))
     answer = np.empty((len(times_s), 3))
@@ -97,12 +99,15 @@ def step_response(twin: Twin, sensor: SensorName) -> tuple[FloatArray, FloatArra
     return times_s - STEP_AT_S, answer
 
 
-def _without_noise(twin: Twin, sensor: SensorName, last: Stage) -> EffectChain:
+def _chain(twin: Twin, sensor: SensorName, last: Stage, *, noisy: bool = False) -> EffectChain:
     """The triad's chain up to a stage."""
     return EffectChain(
         effect
         for effect in twin.effects
-        if effect.sensor == sensor and not effect.stochastic and effect.stage <= last
+        if effect.sensor == sensor
+        and effect.stage <= last
+        and (noisy or not effect.stochastic)
+        and not isinstance(effect, ClockDrift)
     )
 
 

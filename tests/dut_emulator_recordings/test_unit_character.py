@@ -52,6 +52,7 @@ def test_a_step_comes_after_the_delay_and_rises_with_the_time_constant(sensor: s
         (
             effect_named(f"{sensor}.bandwidth", time_constant_s=tau_s),
             effect_named("link.fixed_delay", sensor, delay_s=delay_s),
+            effect_named("link.clock_drift", sensor, relative_rate=1e-5),  # of a unit long powered: left out
         ),
     )
     times_s, answer = unit_character.step_response(twin, sensor)
