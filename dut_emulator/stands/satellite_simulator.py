@@ -115,7 +115,7 @@ def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
     from dut_emulator.stands.satellite_simulator_port import SatelliteSimulatorPort
 
     model = LiveSatelliteSimulator(Errors.drawn(seed), site)
-    return LiveStand(SatelliteSimulatorPort(model, f"Testloom,GS1,{identity},1.0"), model)
+    return LiveStand(SatelliteSimulatorPort(model, f"Testloom,GS1,{identity},1.0"), model, model)
 
 
 class SatelliteSimulator:
@@ -193,7 +193,7 @@ class _Playing:
 
 
 class LiveSatelliteSimulator:
-    """A simulator that is operated. Surroundings of a unit, and `SignalSource`.
+    """A simulator that is operated. Surroundings of a unit, `SignalSource`, and `TriggerLine`: its pulses.
 
     Every change takes effect at its moment; what was before stays known for `MAX_CHANGES` changes.
     """
@@ -224,6 +224,18 @@ class LiveSatelliteSimulator:
         passed = now_s - self._started_s
         running = self.scenario is not None and 0 <= passed < self.scenario.duration_s
         return passed if running else None
+
+    def next_edge_s(self, after_s: float) -> float | None:
+        """The next pulse per second, on the simulator's own time."""
+        if self.scenario is None or math.isinf(self._started_s):
+            return None
+        late_s = self._errors.pulse_s + UNLOCKED_RATE * max(after_s - self._unlocked_s, 0.0)
+        number = max(math.floor(after_s - late_s - self._started_s) + 1, 0)
+        if number >= self.scenario.duration_s:
+            return None
+        edge_s = self._started_s + number + self._errors.pulse_s
+        beyond_s = edge_s - self._unlocked_s  # where the time runs away, t − U (t − t_u) is the pulse's
+        return edge_s if beyond_s <= 0.0 else self._unlocked_s + beyond_s / (1.0 - UNLOCKED_RATE)
 
     def load(self, profile: str, values: Mapping[str, float]) -> Scenario:
         """Load a scenario, with its satellites and power. Raises TestloomError: see `scenario_of`."""

@@ -11,7 +11,7 @@
 | `POW dbm` `POW satellite,dbm` | `OK`: of all signals, or of one (from 1) |
 | `POW? satellite` | dBm that is set |
 | `REF?` | `LOCKED` or `UNLOCKED`: the time's reference |
-| `PPS?` | seconds until the next pulse; pulses come on whole seconds of a scenario |
+| `PPS?` | seconds until the next pulse, by its own time; pulses come on whole seconds of a scenario |
 | `STAT?` | `state,satellites,elapsed_s,east,north,up,speed` (m, m/s); state READY PLAYING NOREF FAULT |
 | `LIM?` | `least_power,greatest_power,satellites,speed,acceleration` (dBm, dBm, 1, m/s, m/s²) |
 | `CAL?` | ISO date until which its calibration holds |

@@ -190,3 +190,19 @@ def test_the_stream_is_what_is_played_however_it_is_cut(stand: LiveStand) -> Non
     assert stand.port.command("STRE ON,1000", 4.0).startswith("ERR 2 ")
     assert stand.port.command("STRE OFF", 4.0) == "OK"
     assert stand.port.next_event_s() is None
+
+
+def test_pulses_come_once_a_second_of_the_simulators_time(stand: LiveStand) -> None:
+    line = stand.trigger_line
+    assert line is not None
+    assert line.next_edge_s(0.0) is None
+    stand.port.command("SCEN satellite_static,duration_s=600", 0.0)
+    stand.port.command("STAR", 0.25)
+    first = line.next_edge_s(0.3)
+    assert first == pytest.approx(1.25, abs=1e-8)  # some ns of its own error
+    assert first is not None
+    assert line.next_edge_s(first) == pytest.approx(first + 1.0, abs=1e-12)
+    stand.port.inject("reference_unlocked", 100.5)
+    far = line.next_edge_s(300.0)
+    assert far == pytest.approx(first + 299.0 + 1e-7 * (300.25 - 100.5), abs=1e-10)
+    assert line.next_edge_s(599.5) is None  # the scenario ends before the next
