@@ -111,6 +111,16 @@ def test_signals_that_go_and_come_back() -> None:
     assert (received(Sky(Track(), count=0), to_s=60.0, rate_hz=1).fix_type == 0).all()
 
 
+def test_a_receiver_that_was_on_before_knows_the_sky_but_not_what_begins_now() -> None:
+    class Roof:
+        stimulus = Sky(Track()).stimulus
+
+    for place, earliest, latest in ((Roof(), 0.0, 0.0), (Sky(Track()), 18.5, 39.0)):
+        receiver = GnssReceiver(PERFECT, Twin(), np.random.SeedSequence(2), -600.0, place)
+        found = receiver.fixes(np.arange(0, 6000, 10))
+        assert earliest <= found.time_s[found.fix_type == 3][0] <= latest
+
+
 def test_latency_arm_and_clock_step_move_the_fix_as_they_should() -> None:
     """On a circle of 200 m at 30 m/s: 60 ms is 1.8 m behind, an arm 2 m forward is 2 m ahead."""
     track = Track(0.0, 100.0, 30.0, 40.0, 200.0, 10.0)
