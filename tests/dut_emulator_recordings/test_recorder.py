@@ -157,3 +157,14 @@ def test_a_unit_that_fails_in_the_middle_leaves_no_file(plain, tmp_path, monkeyp
     with pytest.raises(KeyboardInterrupt):
         write_recording(session, tmp_path / "out", progress=stop, chunk_samples=300)
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_clocks_started_by_hand_look_like_an_error_of_attitude():
+    """Paper 2, swing test: 13 ms at 200 °/s are 2.6°, beside which the unit's own error disappears."""
+    angles = []
+    for triggered in (True, False):
+        swing = recorded("mems_ahrs", "swing", values={"cycles": 2.0}, triggered=triggered)
+        unit, stand = swing.streams["dut"].columns, swing.streams["stand"].columns
+        angles.append(np.interp(unit["t"], stand["t"], stand["angle_inner"]))
+        assert np.abs(stand["rate_x"]).max() == pytest.approx(200.0, rel=1e-3)
+    assert np.abs(angles[1] - angles[0]).max() == pytest.approx(2.6, rel=1e-3)
