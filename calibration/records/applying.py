@@ -1,0 +1,202 @@
+# pyright: strict
+"""A record's coefficients, put to use on a recording of the unit that they are of: u = inv(M) (y - b).
+
+The recording says afterwards which record its samples were compensated by, and is not compensated by a
+second one. Coefficients of another unit, product, sensor or unit of measure are refused.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.algorithms.coefficients import FloatArray
+from calibration.records.making import TRIAD_NAMES, temperature_columns
+from calibration.records.record import LINEAR_TRIAD, CalibrationRecord
+from calibration.sensor_knowledge import axes, sensor_range
+from protocol.errors import CalibrationError, Fault
+from protocol.recordings import Recording, Stream
+from protocol.units_of_measure import factor_to_si, quantity_of
+
+MARK = "compensated"
+"""Key of a recording that lists what its samples were compensated by."""
+TEMPERATURE_MARGIN_C = 1.0
+"""So far beyond its valid range a record is still taken to hold."""
+SUFFIX = "compensated"
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """A compensated recording.
+
+    Attributes:
+        recording: with the mark.
+        samples: that were compensated.
+        beyond_temperature: of them, taken outside the record's valid range; None: not known, because
+            the recording has no temperature or the record no range.
+        saturated: of them, at the end of the sensor's range: what they compensate to is wrong.
+    """
+
+    recording: Recording
+    samples: int
+    beyond_temperature: int | None
+    saturated: int
+
+
+def apply_record(record: CalibrationRecord, recording: Recording) -> Compensation:
+    """Compensate the record's sensor in a recording.
+
+    Raises:
+        CalibrationError: the record is not of this unit, product, sensor or unit of measure, is no linear
+            triad, or the recording is compensated already.
+    """
+    _refuse_other_unit(record, recording)
+    matrix, bias, unit = _coefficients(record)
+    names = axes(record.sensor)
+    stream = recording.stream("dut")
+    _refuse_other_measure(record, recording, stream, unit)
+    output = stream.si(*names)
+    true_input = (output - bias) @ np.linalg.inv(matrix).T
+    columns = dict(stream.columns)
+    for axis, name in enumerate(names):
+        samples = stream.columns[name]
+        kept = samples.dtype if np.issubdtype(samples.dtype, np.floating) else np.float64
+        columns[name] = (true_input[:, axis] / factor_to_si(stream.units[name])).astype(kept)
+    beyond = _beyond_temperature(record, recording)
+    limit = sensor_range(recording, record.sensor)
+    saturated = 0 if limit is None else int((np.abs(output) >= limit).any(axis=1).sum())
+    entry: dict[str, Any] = {
+        "sensor": record.sensor,
+        "record_sha256": record.sha256(),
+        "method": record.method,
+        "samples": len(stream),
+        "samples_beyond_valid_temperature": beyond,
+        "samples_saturated": saturated,
+        "recording_id": recording.recording_id,
+    }
+    believed = dict(recording.believed)
+    if isinstance(before := believed.get(record.sensor), Mapping):
+        # `believed` tells of the samples beside it: those now have the identity, and no known range.
+        known = dict(cast(Mapping[str, Any], before))
+        entry["believed"] = {
+            key: known.pop(key) for key in ("matrix", "bias", "range", "quantum") if key in known
+        }
+        believed[record.sensor] = known
+    compensated = replace(
+        recording,
+        recording_id=f"{recording.recording_id}-{SUFFIX}"
+        if not _marks(recording)
+        else recording.recording_id,
+        streams={**recording.streams, "dut": replace(stream, columns=columns)},
+        believed=believed,
+        extra={**recording.extra, MARK: [*_marks(recording), entry]},
+    )
+    return Compensation(compensated, len(stream), beyond, saturated)
+
+
+def _refuse_other_unit(record: CalibrationRecord, recording: Recording) -> None:
+    where = f"recording {recording.recording_id}, record {record.title}"
+    for word, ours, theirs in (
+        ("unit", record.serial, recording.unit.get("serial")),
+        ("product", record.product, recording.unit.get("product")),
+    ):
+        if ours != theirs:
+            raise CalibrationError(
+                f"The calibration record is of the {word} '{ours}', the recording of '{theirs}'.",
+                where=where,
+                fault=Fault.OPERATOR,
+                remedy="take the record of this unit.",
+            )
+    for mark in _marks(recording):
+        if mark.get("sensor") == record.sensor:
+            raise CalibrationError(
+                f"The recording's {record.sensor} is compensated already, "
+                f"by record {str(mark.get('record_sha256'))[:12]}.",
+                where=where,
+                fault=Fault.OPERATOR,
+                remedy=f"apply the record to the recording as it was taken, {mark.get('recording_id')}.",
+            )
+
+
+def _marks(recording: Recording) -> list[Mapping[str, Any]]:
+    marks = recording.extra.get(MARK, [])
+    if isinstance(marks, list) and all(isinstance(mark, Mapping) for mark in cast(list[object], marks)):
+        return cast(list[Mapping[str, Any]], marks)
+    raise CalibrationError(
+        f"The recording's key '{MARK}' is not a list of what it was compensated by.",
+        where=f"recording {recording.recording_id}",
+        fault=Fault.DATA,
+        remedy="take the recording as it was taken.",
+    )
+
+
+def _coefficients(record: CalibrationRecord) -> tuple[FloatArray, FloatArray, str]:
+    """M, b in SI, and the unit that b is stated in."""
+    if record.model.name != LINEAR_TRIAD:
+        raise CalibrationError(
+            f"A record of the model '{record.model.name}' cannot be applied: "
+            f"only one of '{LINEAR_TRIAD}' can.",
+            where=f"record {record.title}",
+            fault=Fault.OPERATOR,
+            remedy="take a record with scale factors, cross-axis sensitivities and biases.",
+        )
+    found = [record.quantity(name) for name in TRIAD_NAMES]
+    units = {one.unit for one in found[9:]}
+    if len(units) != 1 or {one.unit for one in found[:9]} != {"1"}:
+        raise CalibrationError(
+            "The scale factors are not numbers (1), or the biases are not in one unit.",
+            where=f"record {record.title}",
+            fault=Fault.DATA,
+            remedy="state scale factors relative to the nominal one, and biases in the sensor's unit.",
+        )
+    (unit,) = units
+    values = np.array([one.value for one in found], dtype=np.float64)
+    matrix = values[:9].reshape(3, 3)
+    if not np.linalg.cond(matrix) < 100.0:
+        raise CalibrationError(
+            "The record's matrix cannot be inverted.",
+            where=f"record {record.title}",
+            fault=Fault.DATA,
+            remedy="calibrate the unit anew.",
+        )
+    return matrix, values[9:] * factor_to_si(unit), unit
+
+
+def _refuse_other_measure(record: CalibrationRecord, recording: Recording, stream: Stream, unit: str) -> None:
+    where = f"recording {recording.recording_id}, stream {stream.name}"
+    names = axes(record.sensor)
+    if not stream.has(*names):
+        raise CalibrationError(
+            f"The recording has no {', '.join(names)}: the record is of the sensor '{record.sensor}'.",
+            where=where,
+            fault=Fault.OPERATOR,
+            remedy="take a recording of this sensor, or the record of another.",
+        )
+    for name in names:
+        if quantity_of(stream.units[name]) != quantity_of(unit):
+            raise CalibrationError(
+                f"The column {name} is in '{stream.units[name]}', the record's biases are in '{unit}': "
+                "they do not measure the same.",
+                where=where,
+                fault=Fault.DATA,
+                remedy="correct the unit in recording.json, or take the right record.",
+            )
+
+
+def _beyond_temperature(record: CalibrationRecord, recording: Recording) -> int | None:
+    names = temperature_columns(recording, "dut")
+    valid = record.valid_temperature
+    own = tuple(name for name in names if record.sensor in name.split("_"))
+    if valid is None or not names:
+        return None
+    readings = recording.stream("dut").columns
+    beyond: NDArray[np.bool_] = np.zeros(len(recording.stream("dut")), dtype=np.bool_)
+    seen = False
+    for name in own or names:
+        temperature = np.asarray(readings[name], dtype=np.float64)
+        seen |= bool(np.isfinite(temperature).any())
+        beyond |= temperature < valid.low_c - TEMPERATURE_MARGIN_C
+        beyond |= temperature > valid.high_c + TEMPERATURE_MARGIN_C
+    return int(beyond.sum()) if seen else None
