@@ -7,16 +7,16 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib import font_manager
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from calibration.algorithms.allan_variance import overlapping_allan_deviation
+from cli.picture_style import picture_style
 from dut_emulator.effects.effect import FloatArray, SensorName
 from dut_emulator.products.product import Product
 from dut_emulator.recording import unit_character
 from dut_emulator.twin import Twin
-from protocol.language import chosen_language, say
+from protocol.language import say
 from protocol.units_of_measure import factor_to_si
 
 REST_S = 3 * 3600.0
@@ -32,13 +32,6 @@ _UNITS: dict[SensorName, tuple[str, str]] = {
 """Of Allan deviations, and of errors over temperature."""
 _COLOURS = ("#0072b2", "#d55e00", "#009e73")
 """Okabe and Ito: told apart by everyone, and in print."""
-_CHINESE_FONTS = (
-    "Noto Sans CJK SC",
-    "Source Han Sans SC",
-    "WenQuanYi Zen Hei",
-    "Microsoft YaHei",
-    "PingFang SC",
-)
 _SIZE_PER_TRIAD_IN = (5.2, 3.6)
 _DOTS_PER_INCH = 110
 
@@ -73,7 +66,7 @@ def write_plots(unit: DrawnUnit, directory: Path) -> list[Path]:
     """
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
-    with mpl.rc_context(_style()):
+    with mpl.rc_context(picture_style()):
         for word, draw in (("allan", _allan), ("temperature", _temperature), ("step", _step)):
             path = directory / f"{unit.name}-{word}.png"
             FigureCanvasAgg(draw(unit)).print_png(path)
@@ -149,17 +142,3 @@ def _span_ms(times_s: FloatArray, answer: FloatArray) -> tuple[float, float]:
     settled_s = float(times_s[late][-1]) if late.any() else 0.0
     settled_s = max(settled_s, SHORTEST_SPAN_S)
     return -500 * settled_s, 2000 * settled_s
-
-
-def _style() -> Any:
-    """Chinese needs a font that has it; without one the words stay as they are."""
-    there = {font.name for font in font_manager.fontManager.ttflist}
-    chinese = [font for font in _CHINESE_FONTS if font in there] if chosen_language() == "zh" else []
-    return {
-        "font.family": [*chinese, "DejaVu Sans"],
-        "axes.unicode_minus": False,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "font.size": 9,
-        "lines.linewidth": 1.3,
-    }
