@@ -4,6 +4,7 @@ The server owns the clock and the sockets; units and stands are state machines o
 """
 
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Any, Protocol
 
 import numpy as np
@@ -11,6 +12,10 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
+
+
+CAN_BYTES = 8
+"""Of a CAN frame's data, at most."""
 
 
 class BenchModelError(Exception):
@@ -43,12 +48,27 @@ class Surroundings(Protocol):
 
 @dataclass(frozen=True)
 class LinkOutput:
-    """Bytes (or one CAN frame) that leave a unit at a bench time."""
+    """Bytes, one CAN frame or a burst of them, that leave a unit at a bench time.
+
+    A burst's frames have `CAN_BYTES` each, one after the other in `data`, with `burst_ids` in turn: a stream's
+    frames are too many for an object each where nobody listens.
+    """
 
     time_s: float
     link: str  # 'rs422' or 'can'
     data: bytes
     can_id: int | None = None
+    burst_ids: tuple[int, ...] = ()
+
+    def frames(self) -> list["LinkOutput"]:
+        """A burst frame by frame; anything else as it is."""
+        if not self.burst_ids:
+            return [self]
+        pieces = [self.data[at : at + CAN_BYTES] for at in range(0, len(self.data), CAN_BYTES)]
+        return [
+            LinkOutput(self.time_s, self.link, piece, identifier)
+            for piece, identifier in zip(pieces, cycle(self.burst_ids), strict=False)
+        ]
 
 
 class EmulatedUnit(Protocol):
@@ -167,6 +187,11 @@ class EmulatedStand(Surroundings, Protocol):
 
 class StandModel(Protocol):
     """A motion stand as the bench sees it: commands in, samples out, faults for tests."""
+
+    @property
+    def sample_bytes(self) -> int:
+        """Size of one sample of its stream."""
+        ...
 
     def command(self, line: str, now_s: float) -> str:
         """The answer to a line of its command port."""

@@ -16,3 +16,6 @@ STAND_SAMPLE_DTYPE = np.dtype(
 )
 """One sample: body rate relative to the laboratory and specific force at the stand's centre in the unit's
 nominal axes; angles and rates of outer, middle and inner axis; the table's temperature."""
+
+STAND_SAMPLE_COLUMNS = STAND_SAMPLE_DTYPE.itemsize // 8
+"""How many doubles that are."""

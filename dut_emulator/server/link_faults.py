@@ -6,7 +6,6 @@ from enum import Enum
 import numpy as np
 
 from protocol.frames import CRC_BYTES, HEADER_BYTES
-from protocol.stand_stream import STAND_SAMPLE_DTYPE
 
 GARBAGE_BYTES = 12
 
@@ -35,10 +34,11 @@ class LinkFault:
 
     corrupt_crc: RS-422: the last byte of every frame is inverted; CAN: the adapter finds every frame's
     CRC wrong and reports none. garbage: `GARBAGE_BYTES` random bytes before every frame. drop: every
-    second frame is lost. stuck: nothing comes any more.
+    second frame is lost. stuck: nothing comes any more. `sample_bytes`: a sample of a stand's stream.
     """
 
-    def __init__(self, framing: Framing, seed: int, sample_bytes: int = STAND_SAMPLE_DTYPE.itemsize) -> None:
+    def __init__(self, framing: Framing, seed: int, sample_bytes: int = 0) -> None:
+        assert (framing is Framing.STAND_STREAM) == (sample_bytes > 0)
         self.framing = framing
         self._sample_bytes = sample_bytes
         self.fault = "none"
@@ -75,10 +75,8 @@ class LinkFault:
         return b"?" + noise.hex().upper().encode() + b"\r" if self.framing is Framing.SLCAN else noise
 
 
-def split_frames(
-    data: bytes, framing: Framing, sample_bytes: int = STAND_SAMPLE_DTYPE.itemsize
-) -> list[bytes]:
-    """Cut whole frames apart."""
+def split_frames(data: bytes, framing: Framing, sample_bytes: int = 0) -> list[bytes]:
+    """Cut whole frames apart. `sample_bytes`: as `LinkFault`'s."""
     if framing is Framing.SLCAN:
         return [line + b"\r" for line in data.split(b"\r")[:-1]]
     frames: list[bytes] = []

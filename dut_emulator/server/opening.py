@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from dut_emulator.interfaces import StandModel
 from dut_emulator.server.bench_kinds import WIRING
 from dut_emulator.server.bench_model import CAN, METER_LINK, RS422, STAND_STREAM_LINK, SocketModel
 from dut_emulator.server.bench_server import BenchServer, ServedLink
@@ -26,7 +27,8 @@ async def open_bench(
         await ports.scpi(instruments.oscilloscope, "the oscilloscope") if instruments.oscilloscope else None
     )
     counter = instruments.pulse_counter
-    stand = await _open_stand(configuration, bench, ports) if bench.model.stand is not None else None
+    model = bench.model.stand
+    stand = await _open_stand(configuration, bench, ports, model) if model is not None else None
     return BenchDescription(
         bench=configuration.name,
         bench_identity=configuration.bench_identity,
@@ -69,11 +71,11 @@ async def _open_sockets(
 
 
 async def _open_stand(
-    configuration: BenchServerConfiguration, bench: BenchServer, ports: ListeningPorts
+    configuration: BenchServerConfiguration, bench: BenchServer, ports: ListeningPorts, stand: StandModel
 ) -> StandResources:
     command = await ports.stand()
     link = TcpLink(STAND_STREAM_LINK, lambda _: None, ports.next_port())
-    fault = LinkFault(Framing.STAND_STREAM, configuration.seed)
+    fault = LinkFault(Framing.STAND_STREAM, configuration.seed, stand.sample_bytes)
     bench.links[link.name] = ServedLink(link, fault)
     return StandResources(
         stand_id=configuration.bench_identity,

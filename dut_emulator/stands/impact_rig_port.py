@@ -23,24 +23,22 @@ The unit's serial line goes through the module, so it sees the frames whether or
 """
 
 import math
-from typing import Final
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.impact_profile import Impacts, since_trigger_s
 from dut_emulator.stands import impact_rig as rig_model
+from dut_emulator.stands.command_port import ERR_ARGUMENTS, CommandPort, Commands, Refused, number, ok
 from protocol.bench_description import Site
-from protocol.impact_rig import make_records, stamp_of
+from protocol.impact_rig import RECORD_DTYPE, make_records, stamp_of
 
 FloatArray = NDArray[np.float64]
 
-ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 ERR_BUSY, ERR_NOT_ARMED, ERR_LIMIT, ERR_DOOR_OPEN = 10, 11, 12, 14
-FAULTS: Final = ("none", "door_open", "no_trigger", "slider_stuck")
 
 COCKING_S = 0.5
 PROGRAMMED_AHEAD_S = (0.02, 10.0)
@@ -50,12 +48,52 @@ SENDING_PERIOD_S = 0.05
 MAX_KEPT = 256
 """Strikes, triggers and armings that are remembered: nobody asks about frames so long past."""
 
-_COMMANDS = ("PEAK", "ARM", "FIRE", "SAFE", "STRE")
-_QUERIES = ("*IDN?", "PEAK?", "COUNT?", "STAT?", "LIM?", "CAL?")
 
+class RecordStream:
+    """The acquisition module's records, one for each frame of the unit; they bring their own times.
 
-class Refused(Exception):
-    """The rig does not do it: code and text."""
+    See `Stream`.
+    """
+
+    def __init__(self) -> None:
+        self._from_s = math.inf
+        self._sent_s = -math.inf
+        self._pending: list[bytes] = []
+
+    @property
+    def sample_bytes(self) -> int:
+        """See `Stream`."""
+        return RECORD_DTYPE.itemsize
+
+    def switch(self, arguments: list[str], now_s: float) -> None:
+        """`ON` or `OFF`. Raises Refused."""
+        order = ",".join(arguments).upper()
+        if order not in ("ON", "OFF"):
+            raise Refused(ERR_ARGUMENTS, "STRE takes ON or OFF")
+        self._from_s = now_s if order == "ON" else math.inf
+        self._sent_s = now_s
+
+    def wants(self, received_s: FloatArray) -> NDArray[np.bool_]:
+        """Whether frames that came at these times (n,) leave on the stream: (n,)."""
+        return received_s >= self._from_s
+
+    def add(self, records: bytes) -> None:
+        """Records that are to leave."""
+        self._pending.append(records)
+
+    def sample_to(self, now_s: float) -> None:
+        """Nothing: frames come by themselves."""
+
+    def hand_over(self, to_s: float) -> bytes:
+        """What has been stamped since the last call."""
+        self._sent_s = to_s
+        records = b"".join(self._pending)
+        self._pending.clear()
+        return records
+
+    def next_event_s(self) -> float | None:
+        """When the module sends what it has got."""
+        return self._sent_s + SENDING_PERIOD_S if math.isfinite(self._from_s) else None
 
 
 class LiveImpactRig:
@@ -71,8 +109,7 @@ class LiveImpactRig:
         self._forgotten_triggers = 0
         self._cocked_from_s = math.inf
         self._rest_from_s = -math.inf
-        self._stream_from_s = math.inf
-        self._pending: list[bytes] = []
+        self.stream = RecordStream()
         self.peak_deg_s = DEFAULT_PEAK_DEG_S
         self.shots = 0
         self.fault = "none"
@@ -88,25 +125,10 @@ class LiveImpactRig:
 
     def take_frames(self, frames: NDArray[np.uint8], received_s: FloatArray) -> None:
         """Stamp the unit's frames; they leave on the stream from when somebody has switched it on."""
-        wanted = received_s >= self._stream_from_s
+        wanted = self.stream.wants(received_s)
         if wanted.any():
             since = since_trigger_s(received_s[wanted], self._armed_s, self._triggers_s)
-            self._pending.append(make_records(frames[wanted], stamp_of(since), received_s[wanted]))
-
-    def stream(self, on: bool, now_s: float) -> None:
-        """Switch the stream on or off."""
-        self._stream_from_s = now_s if on else math.inf
-
-    @property
-    def streaming(self) -> bool:
-        """Whether the stream is on."""
-        return math.isfinite(self._stream_from_s)
-
-    def records(self) -> bytes:
-        """What has been stamped since the last call."""
-        records = b"".join(self._pending)
-        self._pending.clear()
-        return records
+            self.stream.add(make_records(frames[wanted], stamp_of(since), received_s[wanted]))
 
     def set_peak(self, peak_deg_s: float) -> None:
         """How hard the next strikes are."""
@@ -188,85 +210,49 @@ class LiveImpactRig:
             raise Refused(ERR_BUSY, "the table is not at rest, or a strike is due")
 
 
-class ImpactRigPort:
-    """The rig behind its command port. See `StandModel`."""
+class ImpactRigPort(CommandPort):
+    """The rig behind its command port."""
+
+    STAND = "an impact rig"
+    FAULTS = ("none", "door_open", "no_trigger", "slider_stuck")
+    COMMANDS: ClassVar[Commands] = {
+        "PEAK": (1,),
+        "PEAK?": (0,),
+        "ARM": (0,),
+        "FIRE": (0, 1),
+        "SAFE": (0,),
+        "COUNT?": (0,),
+        "STAT?": (0,),
+        "LIM?": (0,),
+    }
 
     def __init__(self, rig: LiveImpactRig, identity: str) -> None:
+        super().__init__(f"Testloom,IR1,{identity},1.0", rig_model.CALIBRATION_DUE, rig.stream)
         self._rig = rig
-        self._identification = f"Testloom,IR1,{identity},1.0"
-        self._sent_s = -math.inf
 
-    def command(self, line: str, now_s: float) -> str:
-        """The answer to one line."""
-        word, _, rest = line.strip().partition(" ")
-        try:
-            return self._dispatch(word.upper(), rest.strip(), now_s)
-        except Refused as refusal:
-            code, text = refusal.args
-            return f"ERR {code} {text}"
-        except ValueError as error:
-            return f"ERR {ERR_ARGUMENTS} {error}"
-
-    def advance(self, to_s: float) -> bytes:
-        """Records of the frames that have come; they bring their own times."""
-        self._sent_s = to_s
-        return self._rig.records()
-
-    def next_event_s(self) -> float | None:
-        """When the module sends what it has got, while its stream is on."""
-        return self._sent_s + SENDING_PERIOD_S if self._rig.streaming else None
-
-    def inject(self, fault: str, now_s: float) -> None:
-        """Raises BenchModelError for a fault that this stand cannot have."""
-        del now_s
-        if fault not in FAULTS:
-            raise BenchModelError(
-                f"an impact rig cannot have the fault '{fault}'; it can {', '.join(FAULTS)}"
-            )
-        self._rig.inject(fault)
-
-    def _dispatch(self, word: str, argument: str, now_s: float) -> str:
+    def _answer(self, word: str, arguments: list[str], now_s: float) -> str:
         rig = self._rig
-        match word, bool(argument):
-            case "PEAK", True:
-                rig.set_peak(_number(argument))
+        match word:
+            case "PEAK":
+                rig.set_peak(number(arguments[0]))
                 return "OK"
-            case "ARM", False:
-                return f"OK {rig.arm(now_s):.9f}"
-            case "FIRE", _:
-                return f"OK {rig.fire(_number(argument) if argument else None, now_s):.9f}"
-            case "SAFE", False:
+            case "PEAK?":
+                return f"{rig.peak_deg_s:g}"
+            case "ARM":
+                return ok(rig.arm(now_s))
+            case "FIRE":
+                return ok(rig.fire(number(arguments[0]) if arguments else None, now_s))
+            case "SAFE":
                 rig.safe(now_s)
                 return "OK"
-            case "STRE", True if argument.upper() in ("ON", "OFF"):
-                rig.stream(argument.upper() == "ON", now_s)
-                self._sent_s = now_s
-                return "OK"
-            case _, False if word in _QUERIES:
-                return self._answer(word, now_s)
-            case _ if word in (*_COMMANDS, *_QUERIES):
-                raise ValueError(f"{word} does not take '{argument[:20]}'")
+            case "COUNT?":
+                return str(rig.triggers(now_s))
+            case "STAT?":
+                return rig.status(now_s)
             case _:
-                return f"ERR {ERR_UNKNOWN} unknown command {word[:20]}"
+                low, high = rig_model.PEAK_RATE_DEG_S
+                return f"{low:g},{high:g},{rig.least_spacing_s():.3f}"
 
-    def _answer(self, query: str, now_s: float) -> str:
-        rig = self._rig
-        low, high = rig_model.PEAK_RATE_DEG_S
-        return {
-            "*IDN?": self._identification,
-            "PEAK?": f"{rig.peak_deg_s:g}",
-            "COUNT?": str(rig.triggers(now_s)),
-            "STAT?": rig.status(now_s),
-            "LIM?": f"{low:g},{high:g},{rig.least_spacing_s():.3f}",
-            "CAL?": rig_model.CALIBRATION_DUE,
-        }[query]
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"'{text[:20]}' is not a number")
-    return value
+    def _inject(self, fault: str, now_s: float) -> None:
+        del now_s
+        self._rig.inject(fault)

@@ -26,12 +26,20 @@ Stream sample (little endian, 8 × f64, no framing): time_s, position east north
 """
 
 import math
-from typing import Final
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.satellite_profiles import MAX_SATELLITES
+from dut_emulator.stands.command_port import (
+    CommandPort,
+    Commands,
+    Refused,
+    SampleStream,
+    named_numbers,
+    number,
+)
 from dut_emulator.stands.satellite_simulator import (
     ACCELERATION_LIMIT_M_S2,
     CALIBRATION_DUE,
@@ -43,68 +51,39 @@ from dut_emulator.stands.satellite_simulator import (
 )
 from protocol.errors import TestloomError
 
-ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 ERR_PLAYING, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DEAD, ERR_ARGUMENT, ERR_NOTHING = 10, 11, 12, 13, 15, 16
-STAND_FAULTS: Final = ("none", "no_signal", "reference_unlocked")
 MAX_STREAM_RATE_HZ = 100.0
-_INSTANT_TOLERANCE_S = 1e-9
-_COUNTS: dict[str, tuple[int, ...]] = {
-    **dict.fromkeys(("*IDN?", "STAR", "STOP", "REF?", "PPS?", "STAT?", "LIM?", "CAL?"), (0,)),
-    **{"SCEN": tuple(range(1, 20)), "SATS": (1,), "POW": (1, 2), "POW?": (1,), "STRE": (1, 2)},
-}
+STREAM_COLUMNS = 8
+MAX_ARGUMENTS = 20
 
 
-class _Refused(Exception):
-    """A code and a text: why a command is not carried out."""
+class SatelliteSimulatorPort(CommandPort):
+    """One simulator behind its command port."""
 
-    def __init__(self, code: int, text: str) -> None:
-        super().__init__(f"ERR {code} {text}")
-
-
-class SatelliteSimulatorPort:
-    """See `StandModel`."""
+    STAND = "a satellite simulator"
+    FAULTS = ("none", "no_signal", "reference_unlocked")
+    COMMANDS: ClassVar[Commands] = {
+        "SCEN": range(1, MAX_ARGUMENTS + 1),
+        "STAR": (0,),
+        "STOP": (0,),
+        "SATS": (1,),
+        "POW": (1, 2),
+        "POW?": (1,),
+        "REF?": (0,),
+        "PPS?": (0,),
+        "STAT?": (0,),
+        "LIM?": (0,),
+    }
 
     def __init__(self, model: LiveSatelliteSimulator, identification: str) -> None:
-        self._model, self._identification = model, identification
-        self._rate_hz = self._started_s = 0.0
-        self._taken = 0
-        self._pending: list[bytes] = []
+        stream = SampleStream(self._rows, STREAM_COLUMNS, MAX_STREAM_RATE_HZ)
+        super().__init__(identification, CALIBRATION_DUE, stream)
+        self._model = model
 
-    def command(self, line: str, now_s: float) -> str:
-        """The answer to one line."""
-        self._sample_to(now_s)
-        word, _, rest = line.strip().partition(" ")
-        word = word.upper()
-        arguments = [part.strip() for part in rest.split(",")] if rest.strip() else []
-        try:
-            if word not in _COUNTS:
-                raise _Refused(ERR_UNKNOWN, f"unknown command {word[:20]}")
-            if len(arguments) not in _COUNTS[word]:
-                raise _Refused(ERR_ARGUMENTS, f"{word} does not take {len(arguments)} arguments")
-            if word in ("SCEN", "STAR", "STOP", "SATS", "POW", "STRE"):
-                return self._ordered(word, arguments, now_s)
-            return self._asked(word, arguments, now_s)
-        except _Refused as refusal:
-            return str(refusal)
+    def _answer(self, word: str, arguments: list[str], now_s: float) -> str:
+        return (self._asked if word.endswith("?") else self._ordered)(word, arguments, now_s)
 
-    def advance(self, to_s: float) -> bytes:
-        """Stream samples of (last advance, to_s]."""
-        self._sample_to(to_s)
-        samples = b"".join(self._pending)
-        self._pending.clear()
-        return samples
-
-    def next_event_s(self) -> float | None:
-        """When the next sample is due."""
-        return self._started_s + self._taken / self._rate_hz if self._rate_hz else None
-
-    def inject(self, fault: str, now_s: float) -> None:
-        """Raises BenchModelError for a fault that this stand cannot have."""
-        if fault not in STAND_FAULTS:
-            raise BenchModelError(
-                f"a satellite simulator cannot have the fault '{fault}'; it can {', '.join(STAND_FAULTS)}"
-            )
-        self._sample_to(now_s)
+    def _inject(self, fault: str, now_s: float) -> None:
         self._model.inject(fault, now_s)
 
     def _ordered(self, word: str, arguments: list[str], now_s: float) -> str:
@@ -117,31 +96,25 @@ class SatelliteSimulatorPort:
             case "STOP":
                 model.stop(now_s)
             case "SATS":
-                count = _number(arguments[0])
+                count = number(arguments[0])
                 if count not in range(MAX_SATELLITES + 1):
-                    raise _Refused(ERR_LIMIT, f"0 to {MAX_SATELLITES} satellites")
+                    raise Refused(ERR_LIMIT, f"0 to {MAX_SATELLITES} satellites")
                 model.count = int(count)
                 model.changed(now_s)
-            case "POW":
+            case _:
                 chosen = slice(None) if len(arguments) == 1 else _satellite(arguments[0])
-                power_dbm = _number(arguments[-1])
+                power_dbm = number(arguments[-1])
                 try:
                     check_power(power_dbm)
                 except TestloomError as error:
-                    raise _Refused(ERR_LIMIT, error.what.rstrip(".")) from None
+                    raise Refused(ERR_LIMIT, error.what.rstrip(".")) from None
                 model.power_dbm[chosen] = power_dbm
                 model.changed(now_s)
-            case _:
-                self._stream(arguments, now_s)
         return "OK"
 
     def _asked(self, word: str, arguments: list[str], now_s: float) -> str:
         model = self._model
         match word:
-            case "*IDN?":
-                return self._identification
-            case "CAL?":
-                return CALIBRATION_DUE
             case "LIM?":
                 limits = (*POWER_LIMITS_DBM, MAX_SATELLITES, SPEED_LIMIT_M_S, ACCELERATION_LIMIT_M_S2)
                 return ",".join(f"{limit:g}" for limit in limits)
@@ -152,7 +125,7 @@ class SatelliteSimulatorPort:
             case "PPS?":
                 elapsed_s = model.elapsed_s(now_s)
                 if elapsed_s is None:
-                    raise _Refused(ERR_NOTHING, "no scenario plays")
+                    raise Refused(ERR_NOTHING, "no scenario plays")
                 return f"{math.floor(elapsed_s) + 1 - elapsed_s:.9f}"
             case _:
                 row = self._row(now_s)
@@ -170,46 +143,30 @@ class SatelliteSimulatorPort:
 
     def _load(self, arguments: list[str], now_s: float) -> str:
         if self._model.elapsed_s(now_s) is not None:
-            raise _Refused(ERR_PLAYING, "playing: STOP first")
-        values: dict[str, float] = {}
-        for argument in arguments[1:]:
-            name, equals, value = argument.partition("=")
-            if not equals:
-                raise _Refused(ERR_ARGUMENTS, f"'{argument[:40]}' is no parameter=value")
-            values[name.strip()] = _number(value)
+            raise Refused(ERR_PLAYING, "playing: STOP first")
+        values = named_numbers(arguments[1:])
         try:
             scenario = self._model.load(arguments[0].lower(), values)
         except TestloomError as error:
             code = ERR_LIMIT if error.where.startswith("stand ") else ERR_ARGUMENT
-            raise _Refused(code, error.what.rstrip(".")) from None
+            raise Refused(code, error.what.rstrip(".")) from None
         return f"OK {scenario.duration_s:.9f}"
 
     def _start(self, now_s: float) -> str:
         model, state = self._model, self._state(now_s)
         if state == "FAULT":
-            raise _Refused(ERR_DEAD, "RF output dead")
+            raise Refused(ERR_DEAD, "RF output dead")
         if state == "NOREF":
-            raise _Refused(ERR_NO_REFERENCE, "reference not locked")
+            raise Refused(ERR_NO_REFERENCE, "reference not locked")
         if state == "PLAYING":
-            raise _Refused(ERR_PLAYING, "playing: STOP first")
+            raise Refused(ERR_PLAYING, "playing: STOP first")
         if model.scenario is None:
-            raise _Refused(ERR_NOTHING, "no scenario: SCEN first")
+            raise Refused(ERR_NOTHING, "no scenario: SCEN first")
         model.start(now_s)
         return f"OK {model.scenario.duration_s:.9f}"
 
-    def _stream(self, arguments: list[str], now_s: float) -> None:
-        match [arguments[0].upper(), *arguments[1:]]:
-            case ["OFF"]:
-                self._rate_hz = 0.0
-            case ["ON", text]:
-                rate_hz = _number(text)
-                if not 0 < rate_hz <= MAX_STREAM_RATE_HZ:
-                    raise _Refused(
-                        ERR_ARGUMENTS, f"the rate must be above 0 and up to {MAX_STREAM_RATE_HZ:g} Hz"
-                    )
-                self._rate_hz, self._started_s, self._taken = rate_hz, now_s, 0
-            case _:
-                raise _Refused(ERR_ARGUMENTS, "STRE takes OFF, or ON and a rate")
+    def _rows(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array([self._row(float(time_s)) for time_s in times_s])
 
     def _row(self, time_s: float) -> list[float]:
         elapsed_s = self._model.elapsed_s(time_s)
@@ -218,28 +175,9 @@ class SatelliteSimulatorPort:
         moved = track_rows(self._model.scenario.track, np.array([elapsed_s]))[0]
         return [time_s, *moved.tolist(), float(self._model.count if self._model.has_signal else 0)]
 
-    def _sample_to(self, now_s: float) -> None:
-        if not self._rate_hz:
-            return
-        ripe = math.floor((now_s - self._started_s + _INSTANT_TOLERANCE_S) * self._rate_hz) + 1
-        for number in range(self._taken, ripe):
-            row = self._row(self._started_s + number / self._rate_hz)
-            self._pending.append(np.array(row, dtype="<f8").tobytes())
-        self._taken = max(ripe, self._taken)
-
 
 def _satellite(text: str) -> int:
-    number = _number(text)
-    if number not in range(1, MAX_SATELLITES + 1):
-        raise _Refused(ERR_LIMIT, f"satellites are 1 to {MAX_SATELLITES}")
-    return int(number) - 1
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _Refused(ERR_ARGUMENTS, f"'{text[:20]}' is not a number")
-    return value
+    satellite = number(text)
+    if satellite not in range(1, MAX_SATELLITES + 1):
+        raise Refused(ERR_LIMIT, f"satellites are 1 to {MAX_SATELLITES}")
+    return int(satellite) - 1

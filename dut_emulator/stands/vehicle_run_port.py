@@ -26,16 +26,16 @@ Omitted: the way back. Each run begins at the start again, headed as `Site.headi
 import dataclasses
 import math
 from collections import deque
-from typing import Any, Final
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.course import Course
 from dut_emulator.motion.profile_catalogue import profile_named
+from dut_emulator.stands.command_port import CommandPort, Commands, Refused, SampleStream, named_numbers
 from dut_emulator.stands.vehicle_run_stand import (
     COURSES,
     LIMITS,
@@ -49,10 +49,9 @@ from protocol.errors import TestloomError
 
 FloatArray = NDArray[np.float64]
 
-ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_ARGUMENT, ERR_IN_THE_AIR = 10, 11, 12, 13, 15, 16
-STAND_FAULTS: Final = ("none", "door_open", "reference_lost")
 MAX_STREAM_RATE_HZ = 500.0
+MAX_ARGUMENTS = 20
 MAX_RUNS = 8
 """Older ones are forgotten: nobody asks about times so long past."""
 _CHANNELS = (
@@ -69,65 +68,32 @@ _ON_THE_GROUND_M = 0.01
 _INSTANT_TOLERANCE_S = 1e-9
 
 
-class _Refused(Exception):
-    """A code and a text: why a command is not carried out."""
-
-    def __init__(self, code: int, text: str) -> None:
-        super().__init__(f"ERR {code} {text}")
-
-
 @dataclasses.dataclass(frozen=True)
 class _Begun:
     at_s: float
     course: Course
 
 
-class VehiclePort:
-    """See `StandModel` and `Surroundings`: the port, and what acts on the unit on the plate."""
+class VehiclePort(CommandPort):
+    """The port, and what acts on the unit on the plate (`Surroundings`)."""
+
+    STAND = "a vehicle"
+    FAULTS = ("none", "door_open", "reference_lost")
+    COMMANDS: ClassVar[Commands] = {
+        "START": range(1, MAX_ARGUMENTS + 1),
+        "STOP": (0,),
+        "STAT?": (0,),
+        "PHAS?": (0,),
+        "LIM?": (0,),
+    }
 
     def __init__(self, stand: VehicleRunStand, site: Site, identity: str) -> None:
+        stream = SampleStream(self._rows, 1 + len(READING_UNITS), MAX_STREAM_RATE_HZ)
+        super().__init__(f"Testloom,VRS,{identity},1.0", stand.identity.calibration_due, stream)
         self._stand = stand
-        self._identification = f"Testloom,VRS,{identity},1.0"
         self._reference = Reference(stand.seed)
         self._runs = deque([_Begun(-math.inf, parked(site, stand.seed))], maxlen=MAX_RUNS)
         self._fault = "none"
-        self._rate_hz = 0.0
-        self._started_s = 0.0
-        self._taken = 0
-        self._pending: list[bytes] = []
-
-    # --- the port
-
-    def command(self, line: str, now_s: float) -> str:
-        """The answer to one line."""
-        self._sample_to(now_s)
-        word, _, rest = line.strip().partition(" ")
-        arguments = [part.strip() for part in rest.split(",")] if rest.strip() else []
-        try:
-            return self._dispatch(word.upper(), arguments, now_s)
-        except _Refused as refusal:
-            return str(refusal)
-
-    def advance(self, to_s: float) -> bytes:
-        """Stream samples of (last advance, to_s]."""
-        self._sample_to(to_s)
-        samples = b"".join(self._pending)
-        self._pending.clear()
-        return samples
-
-    def next_event_s(self) -> float | None:
-        """When the next sample is due."""
-        return self._started_s + self._taken / self._rate_hz if self._rate_hz else None
-
-    def inject(self, fault: str, now_s: float) -> None:
-        """Raises BenchModelError for a fault that this stand cannot have."""
-        if fault not in STAND_FAULTS:
-            text = f"a vehicle cannot have the fault '{fault}'; it can {', '.join(STAND_FAULTS)}"
-            raise BenchModelError(text)
-        self._sample_to(now_s)
-        self._fault = fault
-        if fault == "door_open" and self._moving(now_s) and not self._in_the_air(now_s):
-            self._stop(now_s)
 
     # --- what acts on the unit
 
@@ -149,50 +115,45 @@ class VehiclePort:
         }
         return dataclasses.replace(parts[0], **joined)
 
-    # --- inside
+    # --- the port
 
-    def _dispatch(self, word: str, arguments: list[str], now_s: float) -> str:
-        match word, len(arguments):
-            case "*IDN?", 0:
-                return self._identification
-            case "START", count if count:
+    def _answer(self, word: str, arguments: list[str], now_s: float) -> str:
+        match word:
+            case "START":
                 return f"OK {self._start(arguments, now_s):.9f}"
-            case "STOP", 0:
+            case "STOP":
                 return f"OK {self._stop(now_s):.9f}"
-            case "STAT?", 0:
+            case "STAT?":
                 return self._status(now_s)
-            case "PHAS?", 0:
+            case "PHAS?":
                 phases = self._run_at(now_s).course.phases
                 return ",".join(f"{phase.name}={phase.begin_s:.6f}" for phase in phases)
-            case "LIM?", 0:
-                return ",".join(f"{limit:g}" for limit in dataclasses.astuple(LIMITS))
-            case "CAL?", 0:
-                return self._stand.identity.calibration_due
-            case "STRE", 1 | 2:
-                return self._stream(arguments, now_s)
-            case (("*IDN?" | "START" | "STOP" | "STAT?" | "PHAS?" | "LIM?" | "CAL?" | "STRE"), count):
-                raise _Refused(ERR_ARGUMENTS, f"{word} does not take {count} arguments")
             case _:
-                raise _Refused(ERR_UNKNOWN, f"unknown command {word[:20]}")
+                return ",".join(f"{limit:g}" for limit in dataclasses.astuple(LIMITS))
+
+    def _inject(self, fault: str, now_s: float) -> None:
+        self._fault = fault
+        if fault == "door_open" and self._moving(now_s) and not self._in_the_air(now_s):
+            self._stop(now_s)
 
     def _start(self, arguments: list[str], now_s: float) -> float:
         if self._fault == "door_open":
-            raise _Refused(ERR_DOOR_OPEN, "door open")
+            raise Refused(ERR_DOOR_OPEN, "door open")
         if self._moving(now_s):
-            raise _Refused(ERR_BUSY, "on the way")
+            raise Refused(ERR_BUSY, "on the way")
         if self._fault == "reference_lost":
-            raise _Refused(ERR_NO_REFERENCE, "no reference: its solution is lost")
+            raise Refused(ERR_NO_REFERENCE, "no reference: its solution is lost")
         profile = arguments[0].lower()
         if profile not in COURSES:
-            raise _Refused(ERR_ARGUMENT, f"no profile {profile[:20]}: {' or '.join(COURSES)}")
+            raise Refused(ERR_ARGUMENT, f"no profile {profile[:20]}: {' or '.join(COURSES)}")
         try:
-            values = profile_named(profile).values(_named_numbers(arguments[1:]))
+            values = profile_named(profile).values(named_numbers(arguments[1:]))
         except TestloomError as error:
-            raise _Refused(ERR_ARGUMENT, f"{error.what} {error.remedy}") from error
+            raise Refused(ERR_ARGUMENT, f"{error.what} {error.remedy}") from error
         try:
             course = self._stand.run(profile, values).course
         except TestloomError as error:
-            raise _Refused(ERR_LIMIT, f"{error.what} {error.remedy}") from error
+            raise Refused(ERR_LIMIT, f"{error.what} {error.remedy}") from error
         self._runs.append(_Begun(now_s, course))
         return course.duration_s
 
@@ -200,7 +161,7 @@ class VehiclePort:
         if not self._moving(now_s):
             return 0.0
         if self._in_the_air(now_s):
-            raise _Refused(ERR_IN_THE_AIR, "in the air: it can stop on the ground only")
+            raise Refused(ERR_IN_THE_AIR, "in the air: it can stop on the ground only")
         begun = self._runs[-1]
         course = begun.course.ended(now_s - begun.at_s)
         self._runs[-1] = _Begun(begun.at_s, course)
@@ -255,45 +216,11 @@ class VehiclePort:
             if low < high or len(times_s) == 0
         ]
 
-    def _stream(self, arguments: list[str], now_s: float) -> str:
-        match [arguments[0].upper(), *arguments[1:]]:
-            case ["OFF"]:
-                self._rate_hz = 0.0
-            case ["ON", text]:
-                rate_hz = _number(text)
-                if not 0 < rate_hz <= MAX_STREAM_RATE_HZ:
-                    text = f"the stream's rate must lie between 0 and {MAX_STREAM_RATE_HZ:g} Hz"
-                    raise _Refused(ERR_ARGUMENTS, text)
-                self._rate_hz, self._started_s, self._taken = rate_hz, now_s, 0
-            case _:
-                raise _Refused(ERR_ARGUMENTS, "STRE takes OFF, or ON and a rate")
-        return "OK"
-
-    def _sample_to(self, now_s: float) -> None:
-        if not self._rate_hz:
-            return
-        ripe = math.floor((now_s - self._started_s + _INSTANT_TOLERANCE_S) * self._rate_hz) + 1
-        if ripe > self._taken:
-            times_s = self._started_s + np.arange(self._taken, ripe) / self._rate_hz
-            rows = np.full((len(times_s), 1 + len(READING_UNITS)), np.nan, dtype="<f8")
-            rows[:, 0] = times_s
-            if self._fault != "reference_lost":
-                read = [self._reference.rows(begun.course, own) for begun, _, own in self._by_run(times_s)]
-                rows[:, 1:] = np.concatenate(read)
-            self._pending.append(rows.tobytes())
-            self._taken = ripe
-
-
-def _named_numbers(arguments: list[str]) -> dict[str, float]:
-    named = [argument.partition("=") for argument in arguments]
-    return {name.strip(): _number(text) for name, _, text in named}
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise _Refused(ERR_ARGUMENTS, f"'{text[:20]}' is not a number")
-    return value
+    def _rows(self, times_s: FloatArray) -> FloatArray:
+        """Samples of the stream (n, 17)."""
+        rows = np.full((len(times_s), 1 + len(READING_UNITS)), np.nan)
+        rows[:, 0] = times_s
+        if self._fault != "reference_lost":
+            read = [self._reference.rows(begun.course, own) for begun, _, own in self._by_run(times_s)]
+            rows[:, 1:] = np.concatenate(read)
+        return rows

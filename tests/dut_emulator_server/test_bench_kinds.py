@@ -11,6 +11,8 @@ from dut_emulator.stands.catalogue import STANDS
 from protocol.mems_ahrs import FrameType as MemsFrameType
 
 STAND_KINDS = sorted(BENCH_KINDS.keys() - {SOCKET_BOARD})
+STREAM_COLUMNS = {"satellite_simulator": 8, "vehicle_run_stand": 17}
+"""Of stands whose stream is not a turntable's."""
 
 
 def test_benches_take_the_products_that_have_a_profile_for_their_stand() -> None:
@@ -40,10 +42,22 @@ def test_a_stand_says_what_it_is_and_until_when_it_is_calibrated(start_bench, ki
         stream = participant.open(bench.description.stand.stream)
         assert commands.query("STRE ON,50") == "OK"
         participant.wait(participant.now_s + 1.0)
-        assert len(stream.received) % 51 == 0
-        assert len(stream.received) > 51 * 8
+        assert len(stream.received) == 51 * 8 * STREAM_COLUMNS.get(kind, 15)
     assert participant.ask(op="inject", target="stand", fault="on_fire")["ok"] is False
     assert participant.ask(op="inject", target="stand", fault="none")["ok"] is True
+
+
+def test_a_stream_that_loses_samples_loses_whole_ones(start_bench) -> None:
+    """A satellite simulator's sample has 8 doubles, the first of them its time."""
+    bench = start_bench(kind="satellite_simulator")
+    participant = bench.participant()
+    stream = participant.open(bench.description.stand.stream)
+    assert participant.ask(op="inject", target="stand.stream", fault="drop")["ok"]
+    assert bench.instrument(bench.description.stand.command).query("STRE ON,50") == "OK"
+    began_s = participant.now_s
+    participant.wait(began_s + 1.0)
+    rows = np.frombuffer(stream.received, dtype="<f8").reshape(-1, 8)
+    np.testing.assert_allclose(rows[:, 0], began_s + np.arange(26) / 25.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,13 @@ from dut_emulator.server.link_faults import GARBAGE_BYTES, Framing, LinkFault
 from protocol.frames import FrameParser, encode_equal_frames
 
 COUNT = 50
+SAMPLE_BYTES = 64  # a satellite simulator's
 STREAM = encode_equal_frames(0x20, 0, np.full((COUNT, 12), 0xEB, dtype=np.uint8))
 LINES = b"t1212ABCD\r" * COUNT + b"z\r"
 
 
 def faulty(framing: Framing, fault: str, data: bytes) -> bytes:
-    link = LinkFault(framing, 1)
+    link = LinkFault(framing, 1, SAMPLE_BYTES if framing is Framing.STAND_STREAM else 0)
     link.fault = fault
     half = len(data) // (2 * COUNT) * COUNT  # whole frames in two calls
     return link.apply(data[:half]) + link.apply(data[half:])
@@ -55,7 +56,7 @@ def test_on_can_the_adapters_own_answers_stay() -> None:
 
 
 def test_of_a_stands_stream_whole_samples_are_lost() -> None:
-    stream = b"".join(bytes([number]) * 120 for number in range(COUNT))
+    stream = b"".join(bytes([number]) * SAMPLE_BYTES for number in range(COUNT))
     assert faulty(Framing.STAND_STREAM, "drop", stream) == b"".join(
-        bytes([number]) * 120 for number in range(0, COUNT, 2)
+        bytes([number]) * SAMPLE_BYTES for number in range(0, COUNT, 2)
     )
