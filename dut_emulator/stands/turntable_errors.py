@@ -144,9 +144,9 @@ def _rotations(
 
 
 def calibration_due(kind: str, seed: int) -> str:
-    """ISO date until which the stand's own calibration holds.
+    """ISO date until which the stand's own calibration holds: one to two years after recordings' own date.
 
-    Ten years from the first release: an emulated stand does not lapse by itself.
+    Recordings begin at 2026-01-01 unless told another date: a stand is overdue by choice only.
     """
     rng = _Draws(kind, seed).generator("calibration due")
-    return f"2036-{int(rng.integers(1, 13)):02d}-{int(rng.integers(1, 29)):02d}"
+    return f"2027-{int(rng.integers(1, 13)):02d}-{int(rng.integers(1, 29)):02d}"

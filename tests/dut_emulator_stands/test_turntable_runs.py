@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 
@@ -14,6 +15,7 @@ from dut_emulator.effects.effect import EffectChain, Stimulus, name_of
 from dut_emulator.effects.parameters import check_ranges
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.run import Run
+from dut_emulator.recording.order import STARTED_AT
 from dut_emulator.stands.catalogue import recording_stand
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
@@ -279,4 +281,6 @@ def test_a_stand_knows_who_it_is_and_until_when_it_is_calibrated() -> None:
     stands = [recording_stand(kind, 7, SITE).identity for kind in KINDS]
     assert [stand.kind for stand in stands] == list(KINDS)
     assert len({stand.stand_id for stand in stands}) == 4
-    assert all(len(stand.calibration_due) == 10 for stand in stands)
+    dues = [date.fromisoformat(stand.calibration_due) for stand in stands]
+    started = datetime.fromisoformat(STARTED_AT).date()
+    assert all(timedelta(days=365) <= due - started < timedelta(days=731) for due in dues)
