@@ -10,6 +10,8 @@ do not commute, so each belongs to a stage, and a chain applies them stage by st
     quantiser    range, then quantum
     transport    what the link does to finished samples
 
+White noise is the exception: its density is stated for the output, so it comes behind the filter.
+
 What an effect carries from one chunk to the next lies in an `EffectState` that the caller keeps, and each
 effect of a chain draws from a generator of its own. Hence a run does not depend on how it was cut into
 chunks, and removing one effect leaves the others' noise as it was.
@@ -188,15 +190,26 @@ class ChainState:
     generators: dict[str, np.random.Generator] = field(default_factory=dict[str, np.random.Generator])
 
 
+_OF_THE_OUTPUT = ("white_noise",)
+
+
+def _place(effect: Effect) -> float:
+    """Where in a chain an effect acts: at its stage; the output's noise behind the filter."""
+    return Stage.FILTER + 0.5 if effect.word in _OF_THE_OUTPUT else float(effect.stage)
+
+
 class EffectChain:
     """The effects of one triad in their order of stages; inside a stage, in the order given.
+
+    White noise acts between filter and quantiser, wherever it is listed: a sensor's density is measured at
+    its output, and a sampled output is white up to half its rate whatever pole lies before the sampler.
 
     Raises:
         TestloomError: effects of two sensors, or one effect twice.
     """
 
     def __init__(self, effects: Iterable[Effect]) -> None:
-        self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
+        self.effects = tuple(sorted(effects, key=_place))
         self.names = tuple(name_of(effect) for effect in self.effects)
         if len({effect.sensor for effect in self.effects}) > 1 or len(set(self.names)) < len(self.names):
             raise TestloomError(

@@ -52,7 +52,8 @@ class WhiteNoise(StochasticEffect):
     """White noise of constant density N: each sample has the standard deviation N / √period.
 
     `density_si_per_sqrt_hz`: of a gyro it is the angle random walk in rad/√s (= rad/s/√Hz), of an
-    accelerometer the velocity random walk in m/s/√s. Allan deviation N / √τ.
+    accelerometer the velocity random walk in m/s/√s. Allan deviation N / √τ. N is the output's: a chain
+    adds it behind the filter.
     """
 
     density_si_per_sqrt_hz: Triple = parameter(ZERO, "{density}", (0.0, 0.1), "density N of the white noise")

@@ -82,7 +82,7 @@ class Fog:
                     gyro["bandwidth_hz"] = 1.0 / (2 * np.pi * effect.time_constant_s)
                 case _:
                     gyro |= _noise(effect)
-        return {"gyro": {"matrix": matrix, "bias": bias, **gyro}}
+        return {"gyro": {"matrix": matrix, "bias": bias, **gyro}, "earth_rate": True}
 
     def begin(self, unit: UnitOnStand) -> UnitStreams:
         """See `Product`. Raises besides: a frame rate that the gyro has not."""
