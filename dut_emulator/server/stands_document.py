@@ -6,7 +6,8 @@ python -m dut_emulator.server.stands_document > docs/stands.md
 import sys
 from importlib import import_module
 
-from dut_emulator.server.bench_kinds import BENCH_KINDS, WIRING
+from dut_emulator.server.bench_kinds import BENCH_KINDS, WIRING, Instrument, Wiring
+from dut_emulator.server.link_faults import Framing
 from dut_emulator.stands.catalogue import STANDS, live_stand
 from protocol.bench_description import Site
 
@@ -19,9 +20,18 @@ Every stand is served by `testloom bench --kind KIND`: its command port (TCP, on
 (TCP, samples without framing) and the unit's own links or instruments; the bench's description says where.
 What all benches have in common is in [bench.md](bench.md).
 
-| kind | products | supply |
+| kind | products |
+|---|---|
+"""
+_WIRING_HEAD = """
+| product | supply | how a stand connects it |
 |---|---|---|
 """
+_INSTRUMENTS: dict[Instrument, str] = {
+    "serial_multimeter": "its analogue outputs to the serial multimeter",
+    "pulse_counter": "its pulse outputs to the pulse counter",
+}
+_FRAMINGS = {Framing.RS422: "frames of `protocol/frames.py`", Framing.UNFRAMED: "frames of its own"}
 
 
 def stands_document() -> str:
@@ -30,16 +40,22 @@ def stands_document() -> str:
     for kind in STANDS:
         module = type(live_stand(kind, 1, _SITE, "ID").port).__module__
         sections.setdefault(module, []).append(kind)
-    rows = [
-        f"| `{kind}` | {', '.join(BENCH_KINDS[kind].products)} | "
-        f"{', '.join(f'{WIRING[product].supply_v:g} V' for product in BENCH_KINDS[kind].products)} |\n"
-        for kind in STANDS
+    rows = [f"| `{kind}` | {', '.join(BENCH_KINDS[kind].products)} |\n" for kind in STANDS]
+    wires = [
+        f"| {product} | {wiring.supply_v:g} V | {_connection(wiring)} |\n"
+        for product, wiring in WIRING.items()
     ]
     texts = [
         f"\n## {', '.join(f'`{kind}`' for kind in kinds)}\n{_text_of(module)}\n"
         for module, kinds in sections.items()
     ]
-    return _HEAD + "".join(rows) + "".join(texts)
+    return "".join([_HEAD, *rows, _WIRING_HEAD, *wires, *texts])
+
+
+def _connection(wiring: Wiring) -> str:
+    if wiring.instrument is not None:
+        return _INSTRUMENTS[wiring.instrument]
+    return "; ".join(f"`1.{link}`: {_FRAMINGS[framing]}" for link, framing in wiring.links)
 
 
 def _text_of(module: str) -> str:

@@ -16,7 +16,8 @@
 
 States: NOREF LOCKED RAMPING HOLDING SHORT TILTING SEEKING FAULT. SHORT: the drive holds less than it was
 told. Errors are `ERR code text`: 1 unknown command, 2 arguments, 10 busy, 11 no reference, 12 limit, 13 door
-open, 14 no mark, 15 argument, 16 not locked. Faults: door_open, lost_reference, rate_not_reached, none.
+open, 14 no mark, 15 argument, 16 not locked. Faults: `door_open`, `lost_reference`, `rate_not_reached`,
+`none`.
 """
 
 from typing import ClassVar

@@ -227,7 +227,7 @@ class RateTableModel:
         return self._place.stimulus(times_s, *self._pose_rad(times_s))
 
     def encoder_samples(self, times_s: FloatArray) -> FloatArray:
-        """(n, 15): the stream samples of docs/bench.md."""
+        """(n, 15): the columns of `protocol.stand_stream`."""
         rate, force, angles, rates = self._place.reading(*self._pose_rad(times_s))
         rows = np.zeros((len(times_s), 15))
         rows[:, 0] = times_s

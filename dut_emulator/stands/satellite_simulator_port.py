@@ -18,8 +18,9 @@
 | `STRE ON,rate_hz` `STRE OFF` | `OK`; samples on the stream link, up to 100 Hz |
 
 Errors are `ERR code text`: 1 unknown command, 2 arguments, 10 playing, 11 reference not locked, 12 beyond a
-limit, 13 RF output dead, 15 no such profile or value, 16 no scenario, or none playing. Faults: no_signal
-(FAULT), reference_unlocked (NOREF: what plays goes on with a time that runs away, nothing new starts), none.
+limit, 13 RF output dead, 15 no such profile or value, 16 no scenario, or none playing. Faults: `no_signal`
+(FAULT), `reference_unlocked` (NOREF: what plays goes on with a time that runs away, nothing new starts),
+`none`.
 
 Stream sample (little endian, 8 × f64, no framing): time_s, position east north up (m), velocity east north up
 (m/s), satellites. At rest in the origin without satellites while nothing plays.

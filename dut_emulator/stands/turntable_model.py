@@ -204,7 +204,7 @@ class TurntableModel:
         return dataclasses.replace(acting, specific_force_m_s2=force)
 
     def encoder_samples(self, times_s: FloatArray) -> FloatArray:
-        """The stand's own reading, (n, 15): see docs/bench.md, stream sample. Earth rate is not in it."""
+        """The stand's own reading, (n, 15): see `protocol.stand_stream`. Earth rate is not in it."""
         angles, rates, _ = self.pose(times_s)
         errors = self._encoders
         wobble, slope = np.zeros_like(angles), np.zeros_like(angles)

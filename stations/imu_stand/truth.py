@@ -3,7 +3,7 @@
 
 Laboratory frame of the stand: x east, y north, z up, turned about z by the site's heading (azimuth of
 y, east of north). `C_body_from_lab = Rx(inner) · Ry(middle) · Rz(outer)`, passive rotations; at zero
-angles body axes are the laboratory's (docs/bench.md). The outer axis is vertical: a body axis that
+angles body axes are the laboratory's (docs/stands.md). The outer axis is vertical: a body axis that
 points up is turned about by the outer axis alone, whatever the mounting.
 
 Earth rate goes through the encoders' angles, sample by sample: with a vertical spin axis and the rests

@@ -1,16 +1,24 @@
 """Every kind of bench over its ports: the stand answers, the unit is read by what the stand gives it."""
 
 import datetime
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dut_emulator.products.catalogue import PRODUCTS, product_named
 from dut_emulator.server.bench_kinds import BENCH_KINDS, SOCKET_BOARD, WIRING
-from dut_emulator.stands.catalogue import STANDS
+from dut_emulator.server.stands_document import stands_document
+from dut_emulator.stands.catalogue import STANDS, live_stand
+from dut_emulator.stands.command_port import CommandPort
+from protocol.bench_description import Site
 from protocol.mems_ahrs import FrameType as MemsFrameType
 
 STAND_KINDS = sorted(BENCH_KINDS.keys() - {SOCKET_BOARD})
+DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "stands.md"
+KIND = re.compile(r"`(\w+)`")
+COMMAND = re.compile(r"`([A-Z*]+\??)")
 STREAM_COLUMNS = {"satellite_simulator": 8, "vehicle_run_stand": 17}
 """Of stands whose stream is not a turntable's."""
 
@@ -25,6 +33,25 @@ def test_benches_take_the_products_that_have_a_profile_for_their_stand() -> None
     wired = {(kind, product) for kind in STAND_KINDS for product in BENCH_KINDS[kind].products}
     assert wired == mountings
     assert set(WIRING) == set(PRODUCTS)
+
+
+def test_the_document_of_the_stands_is_that_of_their_ports() -> None:
+    """Every command that a port knows is in it, and the file is what the code writes."""
+    text = stands_document()
+    assert DOCUMENT.read_text(encoding="utf-8") == text, "python -m dut_emulator.server.stands_document"
+    sections = text.split("\n## ")[1:]
+    assert (
+        sorted(kind for section in sections for kind in KIND.findall(section.splitlines()[0])) == STAND_KINDS
+    )
+    for section in sections:
+        (kind, *_) = KIND.findall(section.splitlines()[0])
+        port = live_stand(kind, 1, Site(latitude_deg=40.0, gravity_m_s2=9.8), "S-1").port
+        assert isinstance(port, CommandPort)
+        rows = [line for line in section.splitlines() if line.startswith("| `")]
+        told = {word for row in rows for word in COMMAND.findall(row)}
+        known = {*port.COMMANDS, "*IDN?", "CAL?", "STRE"}
+        assert known <= told, kind
+        assert [fault for fault in port.FAULTS if fault not in (*section.split("`"), "none")] == [], kind
 
 
 @pytest.mark.parametrize("kind", STAND_KINDS)
@@ -52,11 +79,12 @@ def test_a_stream_that_loses_samples_loses_whole_ones(start_bench) -> None:
     bench = start_bench(kind="satellite_simulator")
     participant = bench.participant()
     stream = participant.open(bench.description.stand.stream)
+    assert stream is not None
     assert participant.ask(op="inject", target="stand.stream", fault="drop")["ok"]
     assert bench.instrument(bench.description.stand.command).query("STRE ON,50") == "OK"
     began_s = participant.now_s
     participant.wait(began_s + 1.0)
-    rows = np.frombuffer(stream.received, dtype="<f8").reshape(-1, 8)
+    rows = np.frombuffer(bytes(stream.received), dtype="<f8").reshape(-1, 8)
     np.testing.assert_allclose(rows[:, 0], began_s + np.arange(26) / 25.0, atol=1e-9)
 
 
@@ -81,6 +109,7 @@ def test_a_unit_runs_on_its_stand(start_bench, kind: str, product: str) -> None:
         answer = participant.exchange(link, MemsFrameType.IDENTIFY)
         assert b"U-0001" in answer.payload
     elif product == "fog":
+        assert link is not None
         assert len(link.received) > 1000  # it broadcasts
     elif product == "pulse_imu":
         counter = bench.instrument(bench.description.pulse_counter)
