@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
 
-
 CAN_BYTES = 8
 """Of a CAN frame's data, at most."""
 
@@ -50,8 +49,8 @@ class Surroundings(Protocol):
 class LinkOutput:
     """Bytes, one CAN frame or a burst of them, that leave a unit at a bench time.
 
-    A burst's frames have `CAN_BYTES` each, one after the other in `data`, with `burst_ids` in turn: a stream's
-    frames are too many for an object each where nobody listens.
+    A burst's frames have `CAN_BYTES` each, one after the other in `data`, with `burst_ids` in turn: those of
+    a stream are too many for an object each where nobody listens.
     """
 
     time_s: float
@@ -128,7 +127,7 @@ class EmulatedUnit(Protocol):
 
 @dataclass(frozen=True)
 class StandRefusal:
-    """Why a stand does not do what it was told: the `ERR code text` of docs/bench.md."""
+    """Why a stand does not do what it was told: the `ERR code text` of docs/stands.md."""
 
     code: int
     text: str
@@ -181,7 +180,7 @@ class EmulatedStand(Surroundings, Protocol):
         ...
 
     def encoder_samples(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The stand's own reading at these times (n,), up to now: (n, 15), columns as in docs/bench.md."""
+        """The stand's own reading at these times (n,), up to now: (n, 15), `protocol.stand_stream`."""
         ...
 
 

