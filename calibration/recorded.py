@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.ferraris import (
@@ -51,9 +51,12 @@ class Source:
         return str(self.recording.test.get("profile", ""))
 
 
-def together(sources: Sequence[Source]) -> tuple[tuple[Source, ...], ...]:
+AnySource = TypeVar("AnySource", bound=Source)
+
+
+def together(sources: Sequence[AnySource]) -> tuple[tuple[AnySource, ...], ...]:
     """Recordings that are evaluated together: the parts of one unit's Ferraris run; others alone."""
-    groups: dict[tuple[str, ...], list[Source]] = {}
+    groups: dict[tuple[str, ...], list[AnySource]] = {}
     for index, source in enumerate(sources):
         if _ferraris_part(source) is None:
             groups[("alone", str(index))] = [source]

@@ -1,4 +1,7 @@
-"""`testloom calibrate`: coefficients with standard uncertainties from recordings of real sensors."""
+"""`testloom calibrate`: coefficients with standard uncertainties from recordings of real sensors.
+
+`testloom calibrate FOLDER…` evaluates; the words apply, show, compare and history go on with records.
+"""
 
 import json
 import math
@@ -16,20 +19,31 @@ from calibration.algorithms.coefficients import FloatArray, TriadCoefficients
 from calibration.evaluation import Evaluation
 from calibration.published import ComparedReference, Comparison, compare_with_published
 from calibration.recorded import Source, evaluate, together
+from calibration.records.record import CalibrationRecord
+from cli.calibration_record_commands import EXIT_REFUSED, add_record_commands, keep_records
+from cli.help_pages import Command, Group
+from cli.uncertain_numbers import gum
 from protocol.adapters.recording_forms import read_recording
 from protocol.errors import Fault, RecordingError, TestloomError
-from protocol.language import say
+from protocol.language import choose_language, chosen_language, say, translated
 from protocol.recording_document import DOCUMENT_NAME
 
 FORMAT = "testloom-calibration/1"
 MAX_RECORDINGS = 1000
 MAX_RESIDUALS_SHOWN = 12
-EXIT_REFUSED = 1
+EVALUATE = "evaluate"
 METHOD_WORDS = {
     "imu_calibration": "session on a stand: known poses and turns",
     "ferraris": "Ferraris session by hand",
     "multi_position": "many attitudes, unknown: only the magnitude of gravity is used",
 }
+
+
+@dataclass(frozen=True)
+class _Located(Source):
+    """A source that knows which path was named: its bytes are the recording's identity."""
+
+    path: Path = Path()
 
 
 @dataclass(frozen=True)
@@ -40,22 +54,53 @@ class _Result:
     evaluation: Evaluation | None = None
     reference: ComparedReference | None = None
     error: TestloomError | None = None
+    kept: tuple[tuple[CalibrationRecord, Path], ...] = ()
 
 
+class EvaluateByDefault(Group):
+    """`calibrate FOLDER…` is `calibrate evaluate FOLDER…`; a folder named as a command is ./show."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = [EVALUATE, *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=EvaluateByDefault,
+    no_args_is_help=True,
+    help=say("Calibrate from recordings, and use calibration records; 'evaluate' may be left out."),
+)
+
+
+@app.command(
+    EVALUATE,
+    cls=Command,
+    help=say("Calibrate from recordings: coefficients, uncertainties, what was not used and why."),
+)
 def calibrate(
     folders: Annotated[
         list[Path],
         typer.Argument(help=say("Recordings: folders, folders of such folders, or .mcap files.")),
     ],
     as_json: Annotated[bool, typer.Option("--json", help=say("Print JSON."))] = False,
+    record: Annotated[
+        Path | None, typer.Option("--record", help=say("Write calibration records into this folder."))
+    ] = None,
+    valid_temperature_c: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--valid-temperature",
+            help=say("Where the records hold, °C; else the temperatures that the unit had."),
+        ),
+    ] = None,
 ) -> None:
+    _refuse_crossed(valid_temperature_c)
     sources, results = _read_all(folders)
     for group in together(sources):
         names = ", ".join(source.recording.recording_id for source in group)
         try:
-            evaluation = evaluate(group)
-            reference = compare_with_published(evaluation, group[0].recording, group[0].folder)
-            results.append(_Result(names, evaluation, reference))
+            results.append(_evaluated(names, group, record, valid_temperature_c))
         except TestloomError as error:
             results.append(_Result(names, error=error))
     if as_json:
@@ -69,21 +114,41 @@ def calibrate(
         raise typer.Exit(EXIT_REFUSED)
 
 
-calibrate.__doc__ = say("Calibrate from recordings: coefficients, uncertainties, what was not used and why.")
+add_record_commands(app)
 
 
-def gum(value: float, standard_uncertainty: float) -> str:
-    """Value and standard uncertainty, the uncertainty to two significant digits (JCGM 100:2008, 7.2.6)."""
-    if not (math.isfinite(standard_uncertainty) and standard_uncertainty > 0):
-        return f"{value:.6g}"
-    digits = 1 - math.floor(math.log10(standard_uncertainty))
-    if float(f"{standard_uncertainty:.1e}") >= 10 ** (2 - digits):  # 0.0999 rounds up to 0.10
-        digits -= 1
-    places = max(digits, 0)
-    return f"{round(value, digits):.{places}f} ± {round(standard_uncertainty, digits):.{places}f}"
+def _evaluated(
+    names: str,
+    group: tuple[_Located, ...],
+    folder: Path | None,
+    valid_temperature_c: tuple[float, float] | None,
+) -> _Result:
+    if folder is None:
+        evaluation, kept = evaluate(group), ()
+    else:
+        language = chosen_language()
+        choose_language("en")  # a record says the same whoever reads it
+        try:
+            evaluation = evaluate(group)
+            read_from = [(source.recording, source.path) for source in group]
+            kept = tuple(keep_records(evaluation, read_from, folder, valid_temperature_c))
+        finally:
+            choose_language(language)
+    reference = compare_with_published(evaluation, group[0].recording, group[0].folder)
+    return _Result(names, evaluation, reference, kept=kept)
 
 
-def _read_all(paths: list[Path]) -> tuple[list[Source], list[_Result]]:
+def _refuse_crossed(valid_temperature_c: tuple[float, float] | None) -> None:
+    if valid_temperature_c is not None and not valid_temperature_c[0] <= valid_temperature_c[1]:
+        raise TestloomError(
+            "The valid range of temperature ends below its beginning.",
+            where="--valid-temperature",
+            fault=Fault.OPERATOR,
+            remedy="give the lowest temperature first.",
+        )
+
+
+def _read_all(paths: list[Path]) -> tuple[list[_Located], list[_Result]]:
     """All recordings named, and a refusal for each that cannot be read."""
     found: list[Path] = []
     for path in paths:
@@ -96,11 +161,11 @@ def _read_all(paths: list[Path]) -> tuple[list[Source], list[_Result]]:
             fault=Fault.OPERATOR,
             remedy="calibrate them in parts.",
         )
-    sources: list[Source] = []
+    sources: list[_Located] = []
     refused: list[_Result] = []
     for path in found:
         try:
-            sources.append(Source(read_recording(path), path if path.is_dir() else path.parent))
+            sources.append(_Located(read_recording(path), path if path.is_dir() else path.parent, path))
         except TestloomError as error:
             refused.append(_Result(str(path), error=error))
     return sources, refused
@@ -120,7 +185,7 @@ def _show(console: Console, result: _Result) -> None:
     )
     console.print(say("Method: {method}", method=say(METHOD_WORDS[evaluation.method])))
     for sentence in evaluation.assumptions:
-        console.print(f"  · {sentence}")
+        console.print(f"  · {translated(sentence)}")
     for name, triad in ((say("Accelerometer"), evaluation.acc), (say("Gyro"), evaluation.gyro)):
         if triad is not None:
             console.print(_triad_table(name, triad))
@@ -133,6 +198,8 @@ def _show(console: Console, result: _Result) -> None:
     _show_residuals(console, evaluation)
     _show_reference(console, result.reference)
     _show_not_used(console, evaluation)
+    for record, path in result.kept:
+        console.print(say("record {record}: {path}", record=record.title, path=path), soft_wrap=True)
 
 
 def _triad_table(name: str, triad: TriadCoefficients) -> Table:
@@ -206,7 +273,7 @@ def _show_not_used(console: Console, evaluation: Evaluation) -> None:
     for heading in (say("What"), say("Samples"), say("Why")):
         table.add_column(heading, overflow="fold")
     for item in evaluation.not_used:
-        table.add_row(item.what, str(item.count), say(item.why))
+        table.add_row(translated(item.what), str(item.count), translated(item.why))
     console.print(table)
 
 
@@ -247,6 +314,10 @@ def _as_json(result: _Result) -> dict[str, Any]:
             {"what": item.what, "count": item.count, "why": item.why} for item in evaluation.not_used
         ],
         "published": None if result.reference is None else _reference_json(result.reference),
+        "records": [
+            {"sensor": record.sensor, "sha256": record.sha256(), "path": str(path)}
+            for record, path in result.kept
+        ],
     }
 
 

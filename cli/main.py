@@ -27,7 +27,7 @@ COMMANDS = {
     "yield": ("coordinator_commands", "show_yield"),
     "recording": ("recording_commands", "app"),
     "emulator": ("emulator_commands", "app"),
-    "calibrate": ("calibrate_command", "calibrate"),
+    "calibrate": ("calibrate_command", "app"),
     "doctor": ("doctor_command", "doctor"),
     "router": ("router_command", "router"),
     "coordinator": ("coordinator_commands", "coordinator"),

@@ -1,0 +1,260 @@
+"""`testloom calibrate` apply, show, compare and history: calibration records put to use."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cli.help_pages import Command
+from protocol.language import say
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from calibration.evaluation import Evaluation
+    from calibration.records.applying import Compensation
+    from calibration.records.comparing import RecordComparison
+    from calibration.records.history import QuantityHistory
+    from calibration.records.record import CalibrationRecord
+    from protocol.recordings import Recording
+
+EXIT_REFUSED = 1
+
+AsJson = Annotated[bool, typer.Option("--json", help=say("Print JSON."))]
+RecordFile = Annotated[Path, typer.Argument(help=say("A calibration record (.json)."))]
+
+
+def add_record_commands(app: typer.Typer) -> None:
+    """Mount the commands beside the evaluation."""
+    for name, command, words in (
+        ("apply", apply, say("Compensate a recording of the same unit by a calibration record.")),
+        ("show", show, say("Show a calibration record: values, uncertainties, where it comes from.")),
+        ("compare", compare, say("Compare two calibration records: which quantities differ.")),
+        ("history", history, say("Follow a unit's calibration records over time: drift, outliers.")),
+    ):
+        app.command(name, cls=Command, help=words)(command)
+
+
+def apply(
+    record: RecordFile,
+    recording: Annotated[Path, typer.Argument(help=say("The recording: a folder or an .mcap file."))],
+    out: Annotated[Path, typer.Option("--out", help=say("What to write: NAME.mcap, or a folder's name."))],
+    as_json: AsJson = False,
+) -> None:
+    from calibration.records.applying import apply_record
+    from cli.calibration_record_files import read_record
+    from protocol.adapters.mcap_form import write_mcap
+    from protocol.adapters.recording_forms import form_of, read_recording
+    from protocol.folder_form import write_folder
+
+    used = read_record(record)
+    _refuse_existing(out)
+    done = apply_record(used, read_recording(recording))
+    if form_of(out) == "mcap":
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_mcap(done.recording, out)
+    else:
+        write_folder(done.recording, out)
+    warnings = _warnings(used, done)
+    if as_json:
+        facts = {
+            "recording_id": done.recording.recording_id,
+            "record_sha256": used.sha256(),
+            "target": str(out),
+            "samples": done.samples,
+            "samples_beyond_valid_temperature": done.beyond_temperature,
+            "samples_saturated": done.saturated,
+            "warnings": warnings,
+        }
+        typer.echo(json.dumps(facts, ensure_ascii=False))
+        return
+    named = {"samples": done.samples, "sensor": used.sensor, "record": used.title, "target": out}
+    typer.echo(say("{samples} samples of {sensor} compensated by {record}: {target}", **named))
+    for sentence in warnings:
+        _console(stderr=True).print(sentence, style="yellow", markup=False, soft_wrap=True)
+
+
+def show(record: RecordFile, as_json: AsJson = False) -> None:
+    from cli.calibration_record_files import read_record
+    from cli.calibration_record_pages import show_record
+
+    shown = read_record(record)
+    if as_json:
+        content = {"sha256": shown.sha256(), "record": json.loads(shown.canonical_json())}
+        typer.echo(json.dumps(content, ensure_ascii=False))
+    else:
+        show_record(_console(), shown)
+
+
+def compare(first: RecordFile, second: RecordFile, as_json: AsJson = False) -> None:
+    from calibration.records.comparing import compare_records
+    from cli.calibration_record_files import read_record
+    from cli.calibration_record_pages import comparison_remarks, show_comparison
+
+    a, b = read_record(first), read_record(second)
+    found = compare_records(a, b)
+    if as_json:
+        hashes = {"first": a.sha256(), "second": b.sha256()}
+        content = hashes | _comparison_json(found) | {"remarks": comparison_remarks(found)}
+        typer.echo(json.dumps(content, ensure_ascii=False, allow_nan=False))
+    else:
+        show_comparison(_console(), a, b, found)
+
+
+def history(
+    paths: Annotated[list[Path], typer.Argument(help=say("Calibration records, or folders of them."))],
+    plot: Annotated[Path | None, typer.Option("--plot", help=say("Draw the history into this PNG."))] = None,
+    as_json: AsJson = False,
+) -> None:
+    from calibration.records.history import history_of
+    from calibration.records.record import CalibrationRecord
+    from cli.calibration_history_plot import write_history_plot
+    from cli.calibration_record_files import records_below
+    from cli.calibration_record_pages import show_history
+    from cli.main import show_error
+    from protocol.durable_files import storage_error
+    from protocol.errors import Fault, TestloomError
+
+    found = list(records_below(paths))
+    records = [one for one in found if isinstance(one, CalibrationRecord)]
+    errors = [one for one in found if isinstance(one, TestloomError)]
+    for error in errors:
+        show_error(error)
+    histories = history_of(records)
+    if not histories:
+        raise TestloomError(
+            "There is no calibration record here.",
+            where=", ".join(map(str, paths)),
+            fault=Fault.OPERATOR,
+            remedy="make some with 'testloom calibrate FOLDER --record DIR'.",
+        )
+    if plot is not None:
+        try:
+            write_history_plot(histories, plot)
+        except OSError as error:
+            raise storage_error(error, plot) from error
+    if as_json:
+        content = {
+            "records": len({record.sha256() for record in records}),
+            "histories": [_history_json(one) for one in histories],
+        }
+        typer.echo(json.dumps(content, ensure_ascii=False, allow_nan=False))
+    else:
+        show_history(_console(), histories)
+        if plot is not None:
+            typer.echo(str(plot))
+    if errors:
+        raise typer.Exit(EXIT_REFUSED)
+
+
+def keep_records(
+    evaluation: "Evaluation",
+    sources: "Sequence[tuple[Recording, Path]]",
+    folder: Path,
+    valid_temperature_c: tuple[float, float] | None,
+) -> list[tuple["CalibrationRecord", Path]]:
+    """Write the records of an evaluation into a folder; what was written.
+
+    Args:
+        evaluation: with its sentences in English.
+        sources: its recordings, and where they were read from.
+        folder: made if it is not there.
+        valid_temperature_c: lowest and highest; None: what the unit had while it was measured.
+    """
+    from calibration.records.making import Origin, records_of
+    from calibration.records.record_parts import TemperatureSpan
+    from cli.calibration_record_files import code_version, now, source_of, write_record
+
+    span = None
+    if valid_temperature_c is not None:
+        span = TemperatureSpan(low_c=valid_temperature_c[0], high_c=valid_temperature_c[1])
+    origin = Origin(
+        recordings=tuple(source_of(recording.recording_id, path) for recording, path in sources),
+        code=code_version(),
+        created_at=now(),
+        valid_temperature=span,
+    )
+    made = records_of(evaluation, [recording for recording, _ in sources], origin)
+    return [(record, write_record(record, folder)) for record in made]
+
+
+def _warnings(record: "CalibrationRecord", done: "Compensation") -> list[str]:
+    valid, warnings = record.valid_temperature, list[str]()
+    if done.beyond_temperature is None:
+        warnings.append(
+            say("Whether the record holds at this temperature is not known: recording or record has none.")
+        )
+    elif done.beyond_temperature and valid is not None:
+        warnings.append(
+            say(
+                "{count} of {samples} samples lie outside the record's valid range of {low} to {high} °C: "
+                "they are compensated, and not to be relied on.",
+                count=done.beyond_temperature,
+                samples=done.samples,
+                low=f"{valid.low_c:.1f}",
+                high=f"{valid.high_c:.1f}",
+            )
+        )
+    if done.saturated:
+        warnings.append(
+            say(
+                "{count} of {samples} samples were saturated: what they compensate to is wrong.",
+                count=done.saturated,
+                samples=done.samples,
+            )
+        )
+    if record.stand is not None and record.stand.calibration_overdue:
+        warnings.append(say("The stand's own calibration was overdue when the record was measured."))
+    return warnings
+
+
+def _refuse_existing(out: Path) -> None:
+    from protocol.errors import Fault, RecordingError
+
+    if out.exists():
+        raise RecordingError(
+            "There is something of this name already.",
+            where=str(out),
+            fault=Fault.OPERATOR,
+            remedy="choose another name, or move it away.",
+        )
+
+
+def _comparison_json(found: "RecordComparison") -> dict[str, Any]:
+    quantities: list[dict[str, Any]] = []
+    for one in found.quantities:
+        facts = asdict(one) | {"significant": one.significant}
+        for name in ("zeta", "normalised_error"):
+            facts[name] = facts[name] if math.isfinite(facts[name]) else None
+        quantities.append(facts)
+    return {
+        "quantities": quantities,
+        "chi_square": found.chi_square,
+        "degrees_of_freedom": found.degrees_of_freedom,
+        "probability": found.probability,
+        "significant": list(found.significant),
+        "not_compared": list(found.not_compared),
+        "shared_recordings": list(found.shared_recordings),
+    }
+
+
+def _history_json(one: "QuantityHistory") -> dict[str, Any]:
+    return {
+        "product": one.product,
+        "serial": one.serial,
+        "sensor": one.sensor,
+        "quantity": one.name,
+        "unit": one.unit,
+        "points": [asdict(point) | {"time": point.time.isoformat()} for point in one.points],
+        "trend": asdict(one.trend) | {"drifts": one.trend.drifts},
+    }
+
+
+def _console(*, stderr: bool = False) -> "Console":
+    from rich.console import Console
+
+    return Console(highlight=False, markup=False, stderr=stderr)
