@@ -25,6 +25,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "rad/s": ("angular_rate", 1.0),
     "deg/s": ("angular_rate", _DEG),
     "deg/h": ("angular_rate", _DEG / 3600),
+    "rev/s": ("angular_rate", 2 * math.pi),
+    "deg/s^2": ("angular_acceleration", _DEG),
     "rad/sqrt(s)": ("angle_random_walk", 1.0),
     "deg/sqrt(h)": ("angle_random_walk", _DEG / 60),
     "deg/s/sqrt(Hz)": ("angle_random_walk", _DEG),
@@ -40,6 +42,7 @@ _TABLE: dict[str, tuple[str, float]] = {
     "uT": ("magnetic_flux_density", 1e-6),
     "gauss": ("magnetic_flux_density", 1e-4),
     "degC": ("temperature", 1.0),
+    "degC/min": ("temperature_rate", 1 / 60),
     "V": ("voltage", 1.0),
     "mV": ("voltage", 1e-3),
     "A": ("current", 1.0),
@@ -52,6 +55,7 @@ _TABLE: dict[str, tuple[str, float]] = {
     "Hz": ("frequency", 1.0),
     "m": ("length", 1.0),
     "m/s": ("speed", 1.0),
+    "kg": ("mass", 1.0),
 }
 
 KNOWN_UNITS = tuple(_TABLE)

@@ -15,12 +15,15 @@ from scipy.signal import lfilter
 
 from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.effects.effect import name_of
+from dut_emulator.motion.profile import ProfileKind
+from dut_emulator.motion.profile_catalogue import PROFILES
 from dut_emulator.products.catalogue import product_named
 from dut_emulator.recording.order import LABORATORY
 from dut_emulator.recording.recorder import recorded
 from dut_emulator.stands.catalogue import recording_stand
 from dut_emulator.twin import Twin
 from protocol.recordings import Recording
+from protocol.units_of_measure import is_known_unit
 
 DEG, G = math.pi / 180, 9.80665
 SI = {"deg/s": DEG, "rad/s": 1.0, "g": G, "m/s^2": 1.0, "uT": 1e-6, "gauss": 1e-4, "V": 1.0}
@@ -154,6 +157,19 @@ def test_pulses_add_up_to_the_believed_integral(profile: str, sensor: str) -> No
     )
     turn_on = {"gyro": 0.4 * DEG / 3600, "acc": 80e-6 * G}[sensor] * per_si * dut["t"][-1]
     assert np.abs(counted - wanted).max() < 3.0 + turn_on + 20.0 * (profile == "multi_position")
+
+
+def test_the_earths_rate_does_not_turn_with_a_crank() -> None:
+    """A rig's crank turns no unit: its angle is no gimbal's, else the Earth's rate would follow it."""
+    recording, _ = recording_of("pulse_imu", "overload", {"cycles": 4.0})
+    angles = {name for name in recording.streams["stand"].columns if name.startswith("angle_")}
+    assert recording.believed["earth_rate"]
+    assert angles == {"angle_crank"}
+
+
+@pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda kind: kind.name)
+def test_units_of_profiles_are_known(profile: ProfileKind) -> None:
+    assert [one.name for one in profile.parameters if not is_known_unit(one.unit)] == []
 
 
 def test_noise_is_the_outputs_wherever_it_is_listed() -> None:

@@ -30,7 +30,7 @@ READING_UNITS: dict[str, str] = {
     **{f"rate_{axis}": "rad/s" for axis in "xyz"},
     **{f"acc_{axis}": "m/s^2" for axis in "xyz"},
     "position": "m",
-    "angle_inner": "rad",
+    "angle_crank": "rad",
     "temp": "degC",
 }
 
@@ -86,7 +86,7 @@ class Carriage:
             **{f"rate_{axis}": still for axis in "xyz"},
             **{f"acc_{axis}": force[:, column] for column, axis in enumerate("xyz")},
             "position": grating.read_m(slide.position_m),
-            "angle_inner": turned,
+            "angle_crank": turned,
             "temp": np.full_like(still, self.temperature_c),
         }
 

@@ -182,7 +182,7 @@ class LiveOverloadRig:
         slide = self.slide(times_s)
         read = self._carriage.reading(slide)
         rows = np.zeros((len(times_s), 15))
-        rows[:, 0], rows[:, 9] = times_s, read["angle_inner"]
+        rows[:, 0], rows[:, 9] = times_s, read["angle_crank"]
         for column, axis in enumerate("xyz"):
             rows[:, 4 + column] = read[f"acc_{axis}"]
         rows[:, 12], rows[:, 13], rows[:, 14] = slide.speed_rad_s, read["temp"], read["position"]

@@ -55,7 +55,7 @@ class OverloadRun:
 
     @property
     def reading_units(self) -> Mapping[str, str]:
-        """Body axes; `position` is the grating's, `angle_inner` the crank's."""
+        """Body axes; `position` is the grating's, `angle_crank` is no gimbal angle."""
         return READING_UNITS
 
     @property
