@@ -72,6 +72,10 @@ class LotDraw:
         """Whether this unit has a defect of this rate."""
         return float(self._generator(f"defect {name}", (_UNIT, *self.serial.encode())).random()) < probability
 
+    def index(self, name: str, count: int) -> int:
+        """One of `count` places, drawn for this unit."""
+        return int(self._generator(f"place {name}", (_UNIT, *self.serial.encode())).integers(count))
+
     def seed_for(self, *purpose: int) -> np.random.SeedSequence:
         """The seed of one of the unit's random processes; different purposes are independent."""
         return np.random.SeedSequence([self.seed % 2**64, *self.serial.encode()], spawn_key=purpose)

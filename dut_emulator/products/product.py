@@ -92,6 +92,10 @@ class Product(Protocol):
         """The unit of this serial number in the lot of this seed: its true effects."""
         ...
 
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """What is wrong with the drawn unit, by the names of the product's table; empty for a good one."""
+        ...
+
     def believed(self, twin: Twin) -> dict[str, Any]:
         """The `believed` object of a recording: what the simulator knows of a unit with this twin.
 

@@ -80,6 +80,7 @@ class RecordingSession:
         stand = recording_stand(mounting.stand, order.stand_seed, order.site)
         draw = LotDraw(order.seed, order.serial)
         self.order, self.twin, self.stand = order, twin, stand
+        self._defects = () if order.twin is not None else product.defects(order.seed, order.serial)
         self.unit = UnitOnStand(
             twin=twin,
             stand_effects=_effects_of_mount(stand, order, mounting.stand),
@@ -160,6 +161,7 @@ class RecordingSession:
             "seed": order.seed,
             "stand_seed": order.stand_seed,
             "stand_clock_ahead_s": self._offset_s,
+            "defects": list(self._defects),
             "unit": json.loads(twin_text(self.twin)),
             "stand": json.loads(twin_text(stand)),
         }

@@ -111,7 +111,8 @@ def test_what_cannot_be_is_refused() -> None:
 
 def test_the_lots_gyros_are_two_types_of_a_tactical_gyro() -> None:
     for kind, paper_s in (("A", 242.23e-6), ("B", 347.55e-6)):
-        twins = [draw_twin(4, f"{kind}-{number:04d}") for number in range(40)]
+        serials = [f"{kind}-{number:04d}" for number in range(40)]
+        twins = [draw_twin(4, serial) for serial in serials if not product_named("fog").defects(4, serial)]
         lags = [effect.delay_s for twin in twins for effect in twin.effects if isinstance(effect, FixedDelay)]
         assert np.mean(lags) == pytest.approx(paper_s, abs=3e-6)
         assert 0.5e-6 < np.std(lags) < 3e-6

@@ -146,7 +146,8 @@ def test_what_analogue_gyros_cannot_have_is_refused(name: str, sensor) -> None:
 
 
 def test_every_unit_drawn_lies_inside_the_catalogue_and_survives_its_file() -> None:
-    twins = [PRODUCT.twin(seed, f"U-{serial:04d}") for seed in (1, 2, 3) for serial in range(60)]
+    units = [(seed, f"U-{serial:04d}") for seed in (1, 2, 3) for serial in range(60)]
+    twins = [PRODUCT.twin(*unit) for unit in units if not PRODUCT.defects(*unit)]
     for twin in twins:
         for effect in twin.effects:
             check_ranges(effect, "a drawn unit")

@@ -95,6 +95,9 @@ class PlainProduct:
     def twin(self, seed: int, serial: str) -> Twin:
         return Twin(self.name)
 
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        return ("never seen",)
+
     def believed(self, twin: Twin) -> dict[str, Any]:
         return {"gyro": {"unit": "deg/s", "bias": [0, 0, 0]}}
 

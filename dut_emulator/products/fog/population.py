@@ -25,6 +25,7 @@ from dut_emulator.effects.parameters import ZERO, Triple
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
 from dut_emulator.effects.thermal import ScaleFactorTemperature, TemperatureRate
 from dut_emulator.lot import LotDraw, Spread
+from dut_emulator.lot_defects import LotDefect, with_defects
 from dut_emulator.twin import Twin
 from protocol.fog import COUNTS_PER_DEG_S, NOISE_COUNTS_AT_2_KHZ, RANGE_DEG_S
 
@@ -44,6 +45,17 @@ CORRELATION_TIME_S = 300.0
 BIAS_INSTABILITY_DEG_H = 0.2
 NOISE_UNIT_SPREAD = 0.05
 INSTABILITY_UNIT_SPREAD = 0.3
+
+_Z = (2,)
+DEFECTS = (
+    LotDefect("light_loss", 0.015, "gyro.angle_random_walk", "gyro", "density_si_per_sqrt_hz", 4.0, axes=_Z),
+    LotDefect(
+        "coil_wound_unevenly", 0.01, "gyro.temperature_rate", "gyro", "coefficient_rad_per_c", 8.0, axes=_Z
+    ),
+    LotDefect("scale_not_set", 0.01, "gyro.scale_factor_error", "gyro", "scale_factor_error", 1.0, 0.01, _Z),
+    LotDefect("slow_firmware", 0.01, "link.fixed_delay", "gyro", "delay_s", 1.0, 400e-6),
+)
+"""TL: what goes wrong with such gyros, and how often. A slow firmware is behind by most of a 2 kHz frame."""
 
 
 def unit_type(serial: str) -> str:
@@ -93,7 +105,7 @@ def draw_twin(seed: int, serial: str) -> Twin:
         Quantisation("gyro", COUNT_RAD_S),
         FixedDelay("gyro", lag_s),
     )
-    return Twin(PRODUCT_NAME, effects)
+    return with_defects(Twin(PRODUCT_NAME, effects), draw, DEFECTS)
 
 
 def _input_axis(draw: LotDraw) -> Triple:

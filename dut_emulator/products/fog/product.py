@@ -18,6 +18,8 @@ from dut_emulator.effects.deterministic import Bias, Misalignment, ScaleFactorEr
 from dut_emulator.effects.dynamics import Bandwidth
 from dut_emulator.effects.effect import FloatArray, Stimulus
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
+from dut_emulator.lot import LotDraw
+from dut_emulator.lot_defects import defects_of
 from dut_emulator.motion.impact_profile import StampsFrames
 from dut_emulator.motion.run import Run
 from dut_emulator.products.fog import population
@@ -54,6 +56,10 @@ class Fog:
     def twin(self, seed: int, serial: str) -> Twin:
         """See `Product`."""
         return population.draw_twin(seed, serial)
+
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """See `Product`."""
+        return tuple(defect.name for defect in defects_of(LotDraw(seed, serial), population.DEFECTS))
 
     def believed(self, twin: Twin) -> dict[str, Any]:
         """See `Product`. Figures in deg/s; `counts` says how the column `gyro_z` holds them."""

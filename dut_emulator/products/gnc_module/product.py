@@ -88,6 +88,11 @@ class GncModuleProduct:
         """The unit of this serial number in the lot of this seed: its true effects."""
         return twin_of(draw_unit(seed, serial))
 
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """See `Product`: one at most."""
+        defect = draw_unit(seed, serial).defect
+        return (defect,) if defect is not None else ()
+
     def believed(self, twin: Twin) -> dict[str, Any]:
         """What the simulator knows of a unit with this twin."""
         return believed_of(twin)

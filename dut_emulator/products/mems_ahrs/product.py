@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray
+from dut_emulator.lot import LotDraw
+from dut_emulator.lot_defects import defects_of
 from dut_emulator.products.mems_ahrs import cooling
 from dut_emulator.products.mems_ahrs.compensation import Flash
 from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_twin
 from dut_emulator.products.mems_ahrs.unit_effects import (
     BIAS_CORRELATION_TIME_S,
+    DEFECTS,
     NOISE_UNIT_SPREAD,
     draw_twin,
 )
@@ -106,6 +109,10 @@ class MemsAhrs:
     def twin(self, seed: int, serial: str) -> Twin:
         """The unit of this serial number in the lot of this seed."""
         return draw_twin(seed, serial)
+
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """See `Product`."""
+        return tuple(defect.name for defect in defects_of(LotDraw(seed, serial), DEFECTS))
 
     def believed(self, twin: Twin) -> dict[str, Any]:
         """Matrix, bias, noise, quantum, range and bandwidth of both triads."""

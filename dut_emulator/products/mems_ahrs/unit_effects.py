@@ -36,6 +36,7 @@ from dut_emulator.effects.thermal import (
     WarmUp,
 )
 from dut_emulator.lot import LotDraw, Spread
+from dut_emulator.lot_defects import LotDefect, with_defects
 from dut_emulator.twin import Twin
 from protocol.mems_ahrs import ACC_LSB_G, ACC_RANGE_G, GYRO_LSB_DEG_S, GYRO_RANGE_DEG_S
 from protocol.units_of_measure import factor_to_si
@@ -54,12 +55,20 @@ TURN_ON_DEVIATION = {"gyro": 0.01 * DEG, "acc": 0.5 * MG}
 _SPAN_C = 55.0
 _NOISE = Spread(unit=0.2, wafer=0.15)
 
+DEFECTS = (
+    LotDefect("dead_gyro", 0.01, "gyro.scale_factor_error", "gyro", "scale_factor_error", 0.0, -1.0),
+    LotDefect("leaking_package", 0.015, "gyro.angle_random_walk", "gyro", "density_si_per_sqrt_hz", 6.0),
+    LotDefect("cracked_die_bond", 0.015, "acc.thermal_hysteresis", "acc", "amplitude_si", 15.0),
+    LotDefect("lifted_sensor", 0.01, "acc.bias", "acc", "bias_si", 1.0, 60 * MG),
+)
+"""What goes wrong with such units, and how often: stated by this project."""
+
 
 def draw_twin(seed: int, serial: str) -> Twin:
     """The unit of this serial number in the lot of this seed."""
     draw = LotDraw(seed, serial)
     delay_s = draw.around("delay", 1.5e-3, Spread(unit=0.05))
-    return Twin("mems_ahrs", (*_gyro(draw, delay_s), *_acc(draw, delay_s)))
+    return with_defects(Twin("mems_ahrs", (*_gyro(draw, delay_s), *_acc(draw, delay_s))), draw, DEFECTS)
 
 
 def _gyro(draw: LotDraw, delay_s: float) -> tuple[CatalogueEffect, ...]:

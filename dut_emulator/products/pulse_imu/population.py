@@ -32,6 +32,7 @@ from dut_emulator.effects.parameters import Matrix, Triple
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
 from dut_emulator.effects.thermal import ScaleFactorTemperature
 from dut_emulator.lot import LotDraw, Spread
+from dut_emulator.lot_defects import LotDefect, with_defects
 from dut_emulator.products.pulse_imu.scale import ACC_RANGE_G, GYRO_RANGE_DEG_S
 from dut_emulator.twin import Twin
 from protocol.units_of_measure import factor_to_si
@@ -42,11 +43,19 @@ CORRELATION_TIME_S = 300.0
 TURN_ON_ACC_SI, TURN_ON_GYRO_SI = 20e-6 * G, 0.1 * DEG_H
 """Of the biases, from one power-on to the next (paper 5, 5.3.2: a drift from turn-on to turn-on)."""
 
+DEFECTS = (
+    LotDefect("dead_gyro", 0.01, "gyro.scale_factor_error", "gyro", "scale_factor_error", 0.0, -1.0),
+    LotDefect("unequal_currents", 0.015, "acc.scale_factor_asymmetry", "acc", "asymmetry", 1.0, 1e-3),
+    LotDefect("pendulum_rubs", 0.01, "acc.velocity_random_walk", "acc", "density_si_per_sqrt_hz", 10.0),
+    LotDefect("rotor_out_of_balance", 0.015, "gyro.g_sensitivity", "gyro", "acc", 8.0),
+)
+"""What goes wrong with such units, and how often: stated by this project."""
+
 
 def draw_twin(seed: int, serial: str) -> Twin:
     """The unit of this serial number in the lot of this seed."""
     draw = LotDraw(seed, serial)
-    return Twin(NAME, (*_acc_effects(draw), *_gyro_effects(draw)))
+    return with_defects(Twin(NAME, (*_acc_effects(draw), *_gyro_effects(draw))), draw, DEFECTS)
 
 
 def with_turn_on(

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stage, name_of
+from dut_emulator.lot import LotDraw
+from dut_emulator.lot_defects import defects_of
 from dut_emulator.products.product import (
     Mounting,
     StreamShape,
@@ -17,7 +19,7 @@ from dut_emulator.products.product import (
     sample_times_s,
 )
 from dut_emulator.products.pulse_imu.belief import believed
-from dut_emulator.products.pulse_imu.population import NAME, draw_twin, with_turn_on
+from dut_emulator.products.pulse_imu.population import DEFECTS, NAME, draw_twin, with_turn_on
 from dut_emulator.products.pulse_imu.pulse_sensors import PulseSensors, SampleGrid, whole_pulses
 from dut_emulator.products.pulse_imu.scale import CHANNELS, TRIADS
 from dut_emulator.twin import Twin
@@ -93,6 +95,10 @@ class PulseImuProduct:
     def twin(self, seed: int, serial: str) -> Twin:
         """The unit of this serial number in the lot of this seed."""
         return draw_twin(seed, serial)
+
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """See `Product`."""
+        return tuple(defect.name for defect in defects_of(LotDraw(seed, serial), DEFECTS))
 
     def believed(self, twin: Twin) -> dict[str, Any]:
         """What the simulator knows of a unit with this twin."""

@@ -29,6 +29,7 @@ from dut_emulator.effects.parameters import Matrix, Triple
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
 from dut_emulator.effects.thermal import ScaleFactorTemperature, WarmUp
 from dut_emulator.lot import LotDraw, Spread
+from dut_emulator.lot_defects import LotDefect, with_defects
 from dut_emulator.twin import Twin
 from protocol.units_of_measure import factor_to_si
 
@@ -51,13 +52,20 @@ HYSTERESIS_WIDTH_RAD_S = 2.0 * DEG_S
 WARM_UP_TIME_S = 40.0
 CORRELATION_TIME_S = 300.0
 
+DEFECTS = (
+    LotDefect("dead_axis", 0.01, "gyro.scale_factor_error", "gyro", "scale_factor_error", 0.0, -1.0),
+    LotDefect("worn_bearing", 0.015, "gyro.rate_hysteresis", "gyro", "amplitude_si", 12.0),
+    LotDefect("unequal_halves", 0.01, "gyro.scale_factor_asymmetry", "gyro", "asymmetry", 1.0, 5e-3),
+    LotDefect("zero_not_set", 0.015, "gyro.bias", "gyro", "bias_si", 1.0, 1.0 * DEG_S),
+)
+"""What goes wrong with such gyros, and how often: stated by this project."""
+
 
 def drawn_twin(seed: int, serial: str) -> Twin:
     """The unit of this serial number in the lot of this seed."""
     draw = LotDraw(seed, serial)
-    return Twin(
-        PRODUCT_NAME, (_misalignment(draw), *_scale(draw), *_bias(draw), *_noise(draw), *_output(draw))
-    )
+    effects = (_misalignment(draw), *_scale(draw), *_bias(draw), *_noise(draw), *_output(draw))
+    return with_defects(Twin(PRODUCT_NAME, effects), draw, DEFECTS)
 
 
 def _misalignment(draw: LotDraw) -> CatalogueEffect:

@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 from dut_emulator.effects.deterministic import Bias, Misalignment, Saturation, ScaleFactorError
 from dut_emulator.effects.dynamics import Bandwidth
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
+from dut_emulator.lot import LotDraw
+from dut_emulator.lot_defects import defects_of
 from dut_emulator.products.product import Mounting, StreamShape, UnitOnStand, sample_times_s
 from dut_emulator.products.rate_gyro_triad.analogue_gyros import AnalogueGyros
 from dut_emulator.products.rate_gyro_triad.population import (
+    DEFECTS,
     DEG_PER_SQRT_S,
     DEG_S,
     NOMINAL_SUPPLY_V,
@@ -80,6 +83,10 @@ class RateGyroTriad:
     def begin(self, unit: UnitOnStand) -> RateGyroStreams:
         """Power the unit. Raises TestloomError as `AnalogueGyros`."""
         return RateGyroStreams(unit)
+
+    def defects(self, seed: int, serial: str) -> tuple[str, ...]:
+        """See `Product`."""
+        return tuple(defect.name for defect in defects_of(LotDraw(seed, serial), DEFECTS))
 
     def believed(self, twin: Twin) -> dict[str, Any]:
         """In °/s, as the format has it; `volts_per_unit` leads from there to the columns `volt_…`."""
