@@ -74,5 +74,6 @@ def _figure(histories: Sequence[QuantityHistory]) -> Figure:
         panel.set_title(f"{history.serial} {history.sensor}: {history.name}")
         panel.set_xlabel(say("years after {date}, k = 2", date=history.points[0].time.date().isoformat()))
         panel.set_ylabel(history.unit)
+        panel.ticklabel_format(axis="y", useOffset=False)
         panel.grid(visible=True, color="0.88", linewidth=0.6)
     return figure

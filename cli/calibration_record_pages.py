@@ -184,7 +184,7 @@ def comparison_remarks(found: RecordComparison) -> list[str]:
         remarks.append(say("both rest on {names}: their differences are not independent", names=names))
     if found.not_compared:
         names = ", ".join(found.not_compared)
-        remarks.append(say("not compared, in one record only or without u: {names}", names=names))
+        remarks.append(say("not compared, in one record only, without u or exact: {names}", names=names))
     return remarks
 
 

@@ -68,7 +68,7 @@ class RecordComparison:
     Attributes:
         quantities: in the order of the first record.
         chi_square, degrees_of_freedom, probability: of all of them together.
-        not_compared: in one record only, or known by an interval only.
+        not_compared: in one record only, known by an interval only, or exact in both.
         shared_recordings: that both rest on: their differences are smaller than stated.
         other_serial: they are of two units.
     """
@@ -107,9 +107,7 @@ def compare_records(first: CalibrationRecord, second: CalibrationRecord) -> Reco
     pairs = [
         (ours, theirs[ours.name])
         for ours in first.quantities
-        if ours.name in theirs
-        and ours.standard_uncertainty is not None
-        and theirs[ours.name].standard_uncertainty is not None
+        if ours.name in theirs and _comparable(ours, theirs[ours.name])
     ]
     if not pairs:
         raise CalibrationError(
@@ -179,6 +177,12 @@ def two_sided(ratio: float, degrees_of_freedom: float) -> float:
     if math.isinf(ratio):
         return 0.0
     return 2.0 * float(stdtr(min(degrees_of_freedom, _MANY), -abs(ratio)))  # pyright: ignore[reportUnknownArgumentType]
+
+
+def _comparable(a: CalibratedQuantity, b: CalibratedQuantity) -> bool:
+    """Known by deviations, and not by definition in both: those would count among what is tested."""
+    both = (a.standard_uncertainty, b.standard_uncertainty)
+    return None not in both and (any(both) or a.value * derived_conversion_factor(a.unit, b.unit) != b.value)
 
 
 def _ratio(difference: float, uncertainty: float) -> float:
