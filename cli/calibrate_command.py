@@ -139,7 +139,10 @@ def _evaluated(
 
 
 def _refuse_crossed(valid_temperature_c: tuple[float, float] | None) -> None:
-    if valid_temperature_c is not None and not valid_temperature_c[0] <= valid_temperature_c[1]:
+    if valid_temperature_c is None:
+        return
+    low_c, high_c = valid_temperature_c
+    if not -math.inf < low_c <= high_c < math.inf:
         raise TestloomError(
             "The valid range of temperature ends below its beginning.",
             where="--valid-temperature",

@@ -49,13 +49,17 @@ def apply(
     from cli.calibration_record_files import read_record
     from protocol.adapters.mcap_form import write_mcap
     from protocol.adapters.recording_forms import form_of, read_recording
+    from protocol.durable_files import storage_error
     from protocol.folder_form import write_folder
 
     used = read_record(record)
     _refuse_existing(out)
     done = apply_record(used, read_recording(recording))
     if form_of(out) == "mcap":
-        out.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise storage_error(error, out) from error
         write_mcap(done.recording, out)
     else:
         write_folder(done.recording, out)

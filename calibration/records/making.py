@@ -10,6 +10,7 @@ from datetime import date, datetime
 from typing import Literal
 
 import numpy as np
+from pydantic import ValidationError
 
 from calibration.algorithms.coefficients import PARAMETER_NAMES, FloatArray, TriadCoefficients
 from calibration.algorithms.uncertainty_budget import t_quantile
@@ -30,6 +31,7 @@ from calibration.records.record_parts import (
     TemperatureSpan,
 )
 from protocol.errors import CalibrationError, Fault
+from protocol.frozen_model import first_problem
 from protocol.plans import PlanReference
 from protocol.recordings import Recording
 
@@ -81,7 +83,8 @@ def records_of(
         origin: what is not in them.
 
     Raises:
-        CalibrationError: nobody could tell which unit the record would be of.
+        CalibrationError: nobody could tell which unit the record would be of, or what the recordings
+            say of it fits no record.
     """
     for name, value in (("serial", evaluation.serial), ("product", evaluation.product)):
         if not value:
@@ -91,7 +94,15 @@ def records_of(
                 fault=Fault.DATA,
                 remedy=f"write unit.{name} into recording.json.",
             )
-    return tuple(_records(evaluation, recordings, origin))
+    try:
+        return tuple(_records(evaluation, recordings, origin))
+    except ValidationError as error:
+        raise CalibrationError(
+            f"No calibration record can be made of this {first_problem(error)}.",
+            where=f"recording {', '.join(evaluation.recording_ids)}",
+            fault=Fault.DATA,
+            remedy="correct what recording.json says of unit and site.",
+        ) from None
 
 
 def _records(

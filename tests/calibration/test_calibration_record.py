@@ -333,3 +333,6 @@ def test_an_evaluation_becomes_a_record_of_each_sensor(synthetic_imu) -> None:
     nameless = type(evaluation)(**vars(evaluation) | {"serial": ""})
     with pytest.raises(CalibrationError, match="do not say the serial"):
         records_of(nameless, [recording], origin)
+    elsewhere = type(recording)(**vars(recording) | {"site": {"latitude_deg": 95.0}})
+    with pytest.raises(CalibrationError, match="at latitude_deg: Input should be less than or equal to 90"):
+        records_of(evaluation, [elsewhere], origin)
