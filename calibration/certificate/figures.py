@@ -1,0 +1,72 @@
+# pyright: strict
+"""Which drawings a record gets: from the shape of its tables, budgets and covariances."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from calibration.certificate.charts import Curve, bars_chart, correlation_chart, curves_chart
+from calibration.certificate.document import Say
+from calibration.certificate.sections import axis_label, shown_column
+from calibration.certificate.wording import capital, quantity_words, unit_words
+from calibration.records.record import CalibrationRecord
+from calibration.records.record_parts import CovarianceBlock, RecordedBudget, RecordTable
+from protocol.language import translated
+
+MOST_CORRELATED = 15
+"""Parameters whose correlations a page can show."""
+MOST_CURVES = 8
+MOST_FIGURES = 8
+FIELD_WIDTH = 0.062
+"""Of a correlation chart's column, as part of the text width."""
+
+
+def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
+    """A chart for each unit of measure in a table.
+
+    The first column is the abscissa; where rows have names, their number is, and points are not joined.
+    """
+    columns = list(table.columns)
+    rows = len(columns[0].values)
+    if rows < 2:
+        return
+    if table.row_names:
+        x_label, x = say("Number of the row"), tuple(float(k + 1) for k in range(rows))
+    else:
+        first = columns.pop(0)
+        unit, x = shown_column(first)
+        x_label = axis_label(first.name, unit, say)
+    groups: dict[tuple[str, bool], list[Curve]] = {}
+    for one in columns:
+        unit, values = shown_column(one)
+        label = quantity_words(one.name, say)
+        groups.setdefault((unit, "residual" in one.name), []).append(Curve(label, x, values))
+    for (unit, _), curves in list(groups.items())[:MOST_FIGURES]:
+        for start in range(0, len(curves), MOST_CURVES):
+            part = curves[start : start + MOST_CURVES]
+            words = part[0].label if len(part) == 1 else ""
+            label = capital(", ".join(filter(None, (words, "" if unit == "1" else unit_words(unit)))))
+            yield curves_chart(part, x_label, label, by_row=bool(table.row_names))
+
+
+def budget_figure(budget: RecordedBudget, say: Say, language: str) -> str:
+    """Parts of the variance, largest first."""
+    total = budget.standard_uncertainty**2 or 1.0
+    rows = sorted(budget.rows, key=lambda row: -abs(row.contribution))
+    parts = [100.0 * row.contribution**2 / total for row in rows]
+    return bars_chart(
+        [translated(row.quantity, language) for row in rows], parts, say("Part of the variance, %")
+    )
+
+
+def correlation_figure(block: CovarianceBlock, record: CalibrationRecord) -> tuple[str, float] | None:
+    """The chart and its part of the text width; None where it says nothing or does not fit."""
+    count = len(block.parameters)
+    if not 2 <= count <= MOST_CORRELATED:
+        return None
+    matrix = np.array(block.matrix, dtype=np.float64)
+    deviation = np.sqrt(np.diag(matrix))
+    scale = np.outer(deviation, deviation)
+    correlation = np.divide(matrix, scale, out=np.eye(count), where=scale > 0)
+    symbols = [record.quantity(name).symbol or str(k + 1) for k, name in enumerate(block.parameters)]
+    return correlation_chart(symbols, correlation.tolist()), min(1.0, 0.11 + FIELD_WIDTH * count)

@@ -1,0 +1,129 @@
+# pyright: strict
+"""What a certificate says of each method: what was done, after which source, and what we correct in it.
+
+The sources are cited as in docs/papers.md.
+"""
+
+from dataclasses import dataclass
+
+from calibration.certificate.document import Say
+
+
+@dataclass(frozen=True)
+class MethodWords:
+    """Of one method. `corrections`: where the source's printed form is not the one that was computed."""
+
+    title: str
+    source: str
+    corrections: tuple[str, ...] = ()
+
+
+def method_words(method: str, say: Say) -> MethodWords:
+    """The words of a method; one that is not known here is named, and nothing is claimed of it."""
+    known = _METHODS.get(method)
+    if known is None:
+        return MethodWords(say(method.replace("_", " ")), "")
+    return known(say)
+
+
+def _imu_calibration(say: Say) -> MethodWords:
+    return MethodWords(
+        say("known attitudes and turns of known angle on a stand, least squares with stated uncertainties"),
+        say("Cheng, Chai & Guo: test system for the GNC module, 2022, eqs. (1)–(4)"),
+        (
+            say("eq. (3) gives the matrix from rates to outputs, and transposed: its inverse is used."),
+            say("eq. (4) divides by an angle: the bias is the cross-axis integrals' sum over four times T."),
+            say("eq. (2) has no place for the bias: a column of ones is added."),
+        ),
+    )
+
+
+def _ferraris(say: Say) -> MethodWords:
+    return MethodWords(
+        say("six poses on the faces of the housing and a turn about each axis (Ferraris)"),
+        say("Ferraris, Grimaldi & Parvis, Sensors and Materials 7 (1995) 311"),
+    )
+
+
+def _multi_position(say: Say) -> MethodWords:
+    return MethodWords(
+        say("many attitudes at rest, unknown: only the magnitude of gravity is used"),
+        say("Tedaldi, Pretto & Menegatti, ICRA 2014, eq. (10)"),
+    )
+
+
+def _rate_gyro(say: Say) -> MethodWords:
+    return MethodWords(
+        say("11 equally spaced rates, up and down, on a rate table; straight line through the means"),
+        say("Zhong, Zeng & Li: calibration of a three-axis rate gyro, eqs. (1)–(10); GJB 1692-93"),
+        (
+            say("the table's accuracy of 1e-4 is relative: u(R) is taken so, not as an absolute rate."),
+            say(
+                "line and readings depend on each other: residuals carry the factor √(1 − h), h the leverage."
+            ),
+            say("least squares does not have the smallest non-linearity: the minimax line has."),
+        ),
+    )
+
+
+def _pure_lag(say: Say) -> MethodWords:
+    return MethodWords(
+        say("impacts on a rig, the unit's frames stamped against the trigger: bounds of the pure lag"),
+        say("Chen, Yang, Zhou & Shu: FOG pure lag test system, J. Zhejiang Univ. (Eng.) 52 (2018) 781"),
+        (
+            say("eq. (22) takes the pairs of shots as independent: the exact probability is used."),
+            say("the bounds are min(Δt) and max(Δt) − frame period over all shots: valid for every lag."),
+        ),
+    )
+
+
+def _sinusoidal_overload(say: Say) -> MethodWords:
+    return MethodWords(
+        say("sinusoidal linear overload: pulses of the two half-cycles against the measured motion"),
+        say("Lin, Zhou & Wang: calibration of dynamic errors of an IMU by sinusoidal overload"),
+        (
+            say("the measured half-cycles are used: a slider-crank's motion is no sinusoid."),
+            say("the two equations of the half-cycles are solved exactly; K0 and K1 enter the uncertainty."),
+        ),
+    )
+
+
+def _temperature(say: Say) -> MethodWords:
+    return MethodWords(
+        say("calibration at temperatures across the range, coefficients interpolated between the nodes"),
+        say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, eqs. (2)–(3)"),
+        (
+            say("coefficients are fitted on the output and interpolated, not those of the nearest node."),
+            say("beyond the calibrated range nothing is stated."),
+        ),
+    )
+
+
+def _magnetometer(say: Say) -> MethodWords:
+    return MethodWords(
+        say("attitudes in a known magnetic field: hard iron, soft iron and cross-axis sensitivities"),
+        say("Cheng, Chai & Guo: test system for the GNC module, 2022, eqs. (5)–(9)"),
+        (say("eq. (9) lacks the division by cos α; α is fitted to an ellipse, not read off one sample."),),
+    )
+
+
+def _allan(say: Say) -> MethodWords:
+    return MethodWords(
+        say("Allan variance of a record at rest: coefficients of the noise terms"),
+        say("IEEE Std 952-1997, annex C"),
+    )
+
+
+_METHODS = {
+    "imu_calibration": _imu_calibration,
+    "ferraris": _ferraris,
+    "multi_position": _multi_position,
+    "rate_gyro": _rate_gyro,
+    "pure_lag": _pure_lag,
+    "sinusoidal_overload": _sinusoidal_overload,
+    "temperature": _temperature,
+    "temperature_compensation": _temperature,
+    "magnetometer": _magnetometer,
+    "allan": _allan,
+    "allan_variance": _allan,
+}

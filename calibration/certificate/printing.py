@@ -1,0 +1,97 @@
+# pyright: strict
+"""A document set in type as PDF/A-3, with the record in it: who has the pages has the numbers too.
+
+English is set in fonts that the typesetter carries, so the same document is the same bytes on every
+machine. Chinese is set in a font of the machine, found by name. A letter that no font has is an error.
+"""
+
+import io
+import json
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib import resources
+
+import segno
+import typst
+
+from calibration.certificate.document import Document
+from protocol.errors import CalibrationError, Fault
+
+LATIN_FAMILY = "Libertinus Serif"
+SYMBOL_FAMILY = "DejaVu Sans Mono"
+CHINESE_FAMILIES = (
+    *("Noto Serif CJK SC", "Source Han Serif SC", "Noto Serif SC"),
+    *("Noto Sans CJK SC", "Source Han Sans SC", "Noto Sans SC"),
+    *("WenQuanYi Micro Hei", "WenQuanYi Zen Hei", "Droid Sans Fallback", "AR PL UMing CN"),
+    *("SimSun", "Microsoft YaHei", "Songti SC", "PingFang SC"),
+)
+"""In this order: the first that the machine has."""
+FIRST_CHINESE = 0x2E80
+"""From here on Unicode holds the letters of East Asia."""
+STANDARD = "a-3b"
+
+
+def printed(document: Document, record_json: str, installed: Sequence[str] | None = None) -> bytes:
+    """The PDF.
+
+    Args:
+        document: to be set.
+        record_json: of the record, attached to the pages.
+        installed: names of the machine's font families; None: look.
+
+    Raises:
+        CalibrationError: no font has what is to be printed.
+    """
+    words = json.dumps(document.as_json(), ensure_ascii=False)
+    needs_chinese = any(ord(letter) >= FIRST_CHINESE for letter in words)
+    fonts = [LATIN_FAMILY, SYMBOL_FAMILY]
+    if needs_chinese:
+        fonts.insert(1, _chinese_family(document, _installed() if installed is None else installed))
+    families = ", ".join(f"'{family}'" for family in fonts)
+    layout = resources.files("calibration.certificate").joinpath("layout.typ").read_bytes()
+    files = {
+        "main.typ": layout,
+        "document.json": words.encode(),
+        "fonts.json": json.dumps(fonts).encode(),
+        "record.json": record_json.encode(),
+        "qr.svg": qr_svg(document.qr_payload).encode(),
+        **{name: svg.replace("FONTS", families).encode() for name, svg in document.pictures.items()},
+    }
+    try:
+        return typst.compile(
+            files,  # pyright: ignore[reportArgumentType] - the stub forgets files by name
+            ignore_system_fonts=not needs_chinese,
+            pdf_standards=STANDARD,
+            format="pdf",
+        )
+    except typst.TypstError as error:
+        raise _refused(f"The page cannot be set: {error.args[0]}.", document) from None
+
+
+def qr_svg(payload: str) -> str:
+    """The QR code of a text (ISO/IEC 18004, error correction M)."""
+    drawn = io.BytesIO()
+    segno.make(payload, error="m", micro=False).save(drawn, kind="svg", border=2, xmldecl=False)
+    return drawn.getvalue().decode()
+
+
+@lru_cache(maxsize=1)
+def _installed() -> tuple[str, ...]:
+    return tuple(typst.Fonts(include_embedded_fonts=False).families())
+
+
+def _chinese_family(document: Document, installed: Sequence[str]) -> str:
+    for family in CHINESE_FAMILIES:
+        if family in installed:
+            return family
+    raise _refused("This machine has no font for Chinese.", document)
+
+
+def _refused(what: str, document: Document) -> CalibrationError:
+    return CalibrationError(
+        what,
+        where=document.number,
+        fault=Fault.OPERATOR,
+        remedy="install a font that has these letters; on Debian: apt-get install fonts-noto-cjk "
+        "or fonts-wqy-microhei.",
+    )
