@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from calibration.records.history import QuantityHistory
 from cli.picture_style import picture_style
+from dut_emulator.picture_style import COLOURS, GRID
 from protocol.errors import Fault, TestloomError
 from protocol.language import say
 
@@ -18,7 +19,7 @@ PANEL_IN = (4.2, 2.6)
 DOTS_PER_INCH = 110
 MAX_PANELS = 60
 EXPANDED = 2.0
-_LINE, _OUTLIER = "#0072b2", "#d55e00"
+_LINE, _OUTLIER = COLOURS[:2]
 
 
 def write_history_plot(histories: Sequence[QuantityHistory], path: Path) -> None:
@@ -75,5 +76,5 @@ def _figure(histories: Sequence[QuantityHistory]) -> Figure:
         panel.set_xlabel(say("years after {date}, k = 2", date=history.points[0].time.date().isoformat()))
         panel.set_ylabel(history.unit)
         panel.ticklabel_format(axis="y", useOffset=False)
-        panel.grid(visible=True, color="0.88", linewidth=0.6)
+        panel.grid(**GRID)
     return figure

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from calibration.algorithms.allan_variance import overlapping_allan_deviation
 from cli.picture_style import picture_style
 from dut_emulator.effects.effect import FloatArray, SensorName
+from dut_emulator.picture_style import COLOURS, GRID
 from dut_emulator.products.product import Product
 from dut_emulator.recording import unit_character
 from dut_emulator.twin import Twin
@@ -30,8 +31,6 @@ _UNITS: dict[SensorName, tuple[str, str]] = {
     "mag": ("uT", "uT"),
 }
 """Of Allan deviations, and of errors over temperature."""
-_COLOURS = ("#0072b2", "#d55e00", "#009e73")
-"""Okabe and Ito: told apart by everyone, and in print."""
 _SIZE_PER_TRIAD_IN = (5.2, 3.6)
 _DOTS_PER_INCH = 110
 
@@ -82,7 +81,7 @@ def _allan(unit: DrawnUnit) -> Figure:
         output = unit_character.at_rest(unit.twin, sensor, unit.rate_hz, samples) / factor_to_si(measure)
         for axis in axes:
             allan = overlapping_allan_deviation(output[:, axis], unit.rate_hz)
-            panel.loglog(allan.tau_s, allan.deviation, color=_COLOURS[axis], label=AXES[axis])
+            panel.loglog(allan.tau_s, allan.deviation, color=COLOURS[axis], label=AXES[axis])
         beside = say("Allan deviation, {unit}", unit=measure)
         _finish(panel, sensor, say("averaging time, s"), beside)
     return figure
@@ -94,7 +93,7 @@ def _temperature(unit: DrawnUnit) -> Figure:
         measure = _UNITS[sensor][1]
         curve = unit_character.over_temperature(unit.twin, sensor)
         for axis in axes:
-            drawn = {"color": _COLOURS[axis], "label": AXES[axis]}
+            drawn = {"color": COLOURS[axis], "label": AXES[axis]}
             top.plot(curve.temperature_c, curve.error[:, axis] / factor_to_si(measure), **drawn)
             ppm = curve.scale_factor_error[:, axis] / factor_to_si("ppm")
             bottom.plot(curve.temperature_c, ppm, **drawn)
@@ -109,7 +108,7 @@ def _step(unit: DrawnUnit) -> Figure:
     for (sensor, axes), (panel,) in zip(unit.axes.items(), panels, strict=True):
         times_s, answer = unit_character.step_response(unit.twin, sensor)
         for axis in axes:
-            panel.plot(times_s * 1e3, answer[:, axis], color=_COLOURS[axis], label=AXES[axis])
+            panel.plot(times_s * 1e3, answer[:, axis], color=COLOURS[axis], label=AXES[axis])
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
         panel.axvline(0.0, color="0.6", linewidth=0.8, zorder=0)
         panel.set_xlim(*_span_ms(times_s, answer[:, axes]))
@@ -131,7 +130,7 @@ def _finish(panel: Any, sensor: SensorName, below: str, beside: str) -> None:
     panel.set_title(say({"gyro": "Gyro", "acc": "Accelerometer", "mag": "Magnetometer"}[sensor]))
     panel.set_xlabel(below)
     panel.set_ylabel(beside)
-    panel.grid(visible=True, which="major", color="0.88", linewidth=0.6)
+    panel.grid(**GRID)
     if panel.lines:
         panel.legend(title="", frameon=False)
 

@@ -4,6 +4,7 @@ from typing import Any
 
 from matplotlib import font_manager
 
+from dut_emulator.picture_style import STYLE
 from protocol.language import chosen_language
 
 _CHINESE_FONTS = (
@@ -19,11 +20,4 @@ def picture_style() -> Any:
     """Settings of matplotlib. Chinese needs a font that has it; without one the words stay as they are."""
     there = {font.name for font in font_manager.fontManager.ttflist}
     chinese = [font for font in _CHINESE_FONTS if font in there] if chosen_language() == "zh" else []
-    return {
-        "font.family": [*chinese, "DejaVu Sans"],
-        "axes.unicode_minus": False,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "font.size": 9,
-        "lines.linewidth": 1.3,
-    }
+    return {**STYLE, "font.family": [*chinese, *STYLE["font.family"]]}

@@ -9,8 +9,9 @@ import pytest
 
 from dut_emulator.effects.catalogue import CATALOGUE, KINDS
 from dut_emulator.effects.document import document
-from dut_emulator.effects.line_plot import Curve, Plot
+from dut_emulator.effects.line_plot import MAX_POINTS, Curve, Plot
 from dut_emulator.effects.pictures import SHOTS, pictures
+from dut_emulator.picture_style import COLOURS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 WRITE = "python -m dut_emulator.effects.document"
@@ -60,8 +61,20 @@ def test_every_picture_has_a_line_and_units_on_both_axes(drawn: dict[str, str]) 
 
 def test_a_plot_puts_values_where_its_ticks_say() -> None:
     svg = Plot("time, s", "way, m", (Curve("c", np.array([0.0, 10.0]), np.array([-1.0, 1.0])),)).svg()
-    ((begin, end),) = re.findall(r'd="M([\d.]+ [\d.]+)L([\d.]+ [\d.]+)" fill="none"', svg)
-    x = {text: float(at) for at, text in re.findall(r'<text x="([\d.]+)" y="223"[^>]*>([^<]+)<', svg)}
-    y = {text: float(at) - 4 for at, text in re.findall(r'y="([\d.]+)" text-anchor="end">([^<]+)<', svg)}
-    assert [float(v) for v in begin.split()] == pytest.approx([x["0"], y["-1"]], abs=0.11)
-    assert [float(v) for v in end.split()] == pytest.approx([x["10"], y["1"]], abs=0.11)
+    ((begin, end),) = re.findall(rf'd="M ([\d. ]+)\nL ([\d. ]+)\n"[^>]*stroke: {COLOURS[0]}', svg)[:1]
+    text = r'text-anchor: (\w+)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]+)</text>'
+    x = {word: float(at) for anchor, at, _, word in re.findall(text, svg) if anchor == "middle"}
+    y = {word: float(at) for anchor, _, at, word in re.findall(text, svg) if anchor == "end"}
+    half_a_digit = y["0.00"] - (float(begin.split()[1]) + float(end.split()[1])) / 2
+    assert 0 < half_a_digit < 6  # a text lies on its base line
+    assert [float(v) for v in begin.split()] == pytest.approx([x["0"], y["-1.00"] - half_a_digit], abs=0.11)
+    assert [float(v) for v in end.split()] == pytest.approx([x["10"], y["1.00"] - half_a_digit], abs=0.11)
+
+
+def test_a_gap_stays_a_gap_in_a_curve_that_is_thinned_out() -> None:
+    values = np.ones(5 * MAX_POINTS + 1)
+    values[len(values) // 2 + 1] = np.nan
+    svg = Plot("x, 1", "y, 1", (Curve("c", np.arange(len(values), dtype=float), values),)).svg()
+    (path,) = re.findall(rf'd="([^"]+)"[^>]*stroke: {COLOURS[0]}[^"]*"', svg)[:1]
+    assert path.count("M") == 2
+    assert path.count("L") < 1.1 * MAX_POINTS
