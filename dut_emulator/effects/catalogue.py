@@ -12,6 +12,7 @@ from dut_emulator.effects import (
     nonlinearity,
     slow_noise,
     stand,
+    stand_surroundings,
     stochastic,
     thermal,
 )
@@ -71,15 +72,15 @@ KINDS: tuple[type[CatalogueEffect], ...] = (
     stand.RateRipple,
     stand.EncoderEccentricity,
     stand.RemountMisalignment,
-    stand.EarthRate,
+    stand_surroundings.EarthRate,
     stand.LeverArm,
-    stand.MotorField,
-    stand.ChamberGradient,
+    stand_surroundings.MotorField,
+    stand_surroundings.ChamberGradient,
     dynamics.ChamberLag,
     stand.LevelDrift,
     stand.NonOrthogonality,
     stand.RateScaleFactor,
-    stand.CrankGeometry,
+    stand_surroundings.CrankGeometry,
 )
 """In the order of the document: what a triad does, then magnetometer, GNSS, link and stand."""
 

@@ -14,6 +14,7 @@ value that is not a number is a sample that is missing.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -51,6 +52,10 @@ class CatalogueEffect:
     @property
     def is_neutral(self) -> bool:
         """True if these parameters change nothing: all free ones are 0."""
+        return self._is_at_zero
+
+    @cached_property
+    def _is_at_zero(self) -> bool:
         return not any(scalar.value for scalar in scalars(self, free_only=True))
 
     def apply(
@@ -123,7 +128,8 @@ def _on_axis(axis: int, amplitude: FloatArray, regressor: FloatArray) -> FloatAr
         terms, shares = regressor[:, :, column], amplitude if amplitude.ndim == 1 else amplitude[:, axis]
     else:
         terms, shares = regressor.T, amplitude[axis]
-    row = terms[0] * shares[0]
-    for term, share in zip(terms[1:], shares[1:], strict=True):
-        row += term * share
+    acting = np.flatnonzero(shares)
+    row = terms[acting[0]] * shares[acting[0]] if len(acting) else np.zeros(terms.shape[1])
+    for index in acting[1:]:
+        row += terms[index] * shares[index]
     return row

@@ -30,7 +30,7 @@ class GSensitivity(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"acc": stimulus.channel("specific_force_m_s2")}
+        return {"acc": stimulus.triad("specific_force_m_s2")}
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class G2Sensitivity(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"acc_squared": stimulus.channel("specific_force_m_s2") ** 2}
+        return {"acc_squared": stimulus.triad("specific_force_m_s2") ** 2}
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class MagneticSensitivity(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"field": stimulus.channel("field_t")}
+        return {"field": stimulus.triad("field_t")}
 
 
 @dataclass(frozen=True)
@@ -133,13 +133,14 @@ def lever_arm_patterns(stimulus: Stimulus, state: EffectState) -> FloatArray:
 
 def lever_arm_force(stimulus: Stimulus, state: EffectState, places_m: FloatArray) -> FloatArray:
     """(n, 3): what sensor i at `places_m[i]` feels along its own axis, ω̇ × r + (ω · r) ω − ω² r."""
-    rate = stimulus.channel("rate_rad_s")
-    (px, py, pz), (x, y, z) = rate_of_change(rate, stimulus, state, "rate").T, np.ascontiguousarray(rate.T)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = places_m
+    rate = stimulus.triad("rate_rad_s")
+    (px, py, pz), (x, y, z) = rate_of_change(rate, stimulus, state, "rate").T, rate.T
+    xy, xz, yz, x_2, y_2, z_2 = x * y, x * z, y * z, x * x, y * y, z * z
+    (r_xx, r_xy, r_xz), (r_yx, r_yy, r_yz), (r_zx, r_zy, r_zz) = places_m
     result = np.empty(rate.shape, order="F")
-    result[:, 0] = (py + x * z) * xz - (pz - x * y) * xy - (y * y + z * z) * xx
-    result[:, 1] = (pz + x * y) * yx - (px - y * z) * yz - (x * x + z * z) * yy
-    result[:, 2] = (px + y * z) * zy - (py - x * z) * zx - (x * x + y * y) * zz
+    result[:, 0] = (py + xz) * r_xz - (pz - xy) * r_xy - (y_2 + z_2) * r_xx
+    result[:, 1] = (pz + xy) * r_yx - (px - yz) * r_yz - (x_2 + z_2) * r_yy
+    result[:, 2] = (px + yz) * r_zy - (py - xz) * r_zx - (x_2 + y_2) * r_zz
     return result
 
 
@@ -175,7 +176,9 @@ class SizeEffect(LinearEffect):
         if self.is_neutral:
             return samples
         places_m = np.array([self.place_x_m, self.place_y_m, self.place_z_m])
-        return samples + lever_arm_force(stimulus, state, places_m)
+        force = lever_arm_force(stimulus, state, places_m)
+        force += samples
+        return force
 
 
 @dataclass(frozen=True)

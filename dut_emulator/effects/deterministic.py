@@ -23,10 +23,25 @@ LEAST_QUANTUM_SHARE = 1e-9
 """Outputs nearer to each other than this share of the largest differ by rounding only."""
 
 
+def excess_c(stimulus: Stimulus, reference_c: float) -> FloatArray:
+    """(n,) T − T_ref, T held at the edges of its validity."""
+    return np.clip(stimulus.temperature_c, *VALID_TEMPERATURES_C) - reference_c
+
+
 def powers(stimulus: Stimulus, reference_c: float, count: int) -> FloatArray:
     """(count, n, 1): (T − T_ref)^k for k = 1 … count, T held at the edges of its validity."""
-    excess = np.clip(stimulus.temperature_c, *VALID_TEMPERATURES_C)[:, np.newaxis] - reference_c
+    excess = excess_c(stimulus, reference_c)[:, np.newaxis]
     return np.stack([excess**power for power in range(1, count + 1)]) if count else np.zeros((0, 1, 1))
+
+
+def polynomial(stimulus: Stimulus, reference_c: float, coefficients: tuple[Triple, ...]) -> FloatArray:
+    """(n, 3): Σ_k c_k (T − T_ref)^k with c_k in row k − 1, by Horner's rule."""
+    excess = excess_c(stimulus, reference_c)[:, np.newaxis]
+    total = np.zeros((len(excess), 3), order="F")
+    for row in reversed(coefficients):
+        total += np.asarray(row)
+        total *= excess
+    return total
 
 
 @dataclass(frozen=True)
@@ -50,19 +65,6 @@ class Misalignment(LinearEffect):
         """See `LinearEffect.regressors`."""
         return {"misalignment_rad": samples}
 
-    @property
-    def is_neutral(self) -> bool:
-        """No angle at all."""
-        return not np.any(self.misalignment_rad)
-
-    def apply(
-        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
-    ) -> FloatArray:
-        """(n, 3) → (n, 3)."""
-        if self.is_neutral:
-            return samples
-        return samples + samples @ np.asarray(self.misalignment_rad, dtype=np.float64).T
-
 
 @dataclass(frozen=True)
 class ScaleFactorError(LinearEffect):
@@ -78,11 +80,6 @@ class ScaleFactorError(LinearEffect):
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
         return {"scale_factor_error": samples}
-
-    @property
-    def is_neutral(self) -> bool:
-        """Nominal scale factors."""
-        return not any(self.scale_factor_error)
 
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
@@ -107,11 +104,6 @@ class Bias(LinearEffect):
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
         return {"bias_si": np.ones((len(samples), 1))}
-
-    @property
-    def is_neutral(self) -> bool:
-        """No bias."""
-        return not any(self.bias_si)
 
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
@@ -142,8 +134,6 @@ class BiasTemperature(LinearEffect):
     stage: ClassVar[Stage] = Stage.TRANSDUCER
     valid: ClassVar[str] = "−40 to 85 °C; outside it the polynomial is held at its edge."
     start: ClassVar[dict[str, Any]] = {"coefficients_si_per_c": (ZERO, ZERO)}
-    valid_from_c: ClassVar[float] = VALID_TEMPERATURES_C[0]
-    valid_to_c: ClassVar[float] = VALID_TEMPERATURES_C[1]
 
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
@@ -155,23 +145,15 @@ class BiasTemperature(LinearEffect):
             )
         }
 
-    @property
-    def is_neutral(self) -> bool:
-        """No power has a coefficient."""
-        return not np.any(self.coefficients_si_per_c)
-
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
     ) -> FloatArray:
         """(n, 3) → (n, 3)."""
         if self.is_neutral:
             return samples
-        excess = np.clip(stimulus.temperature_c, self.valid_from_c, self.valid_to_c)
-        excess = (excess - self.reference_temperature_c)[:, np.newaxis]
-        bias = np.zeros_like(samples)
-        for row in reversed(self.coefficients_si_per_c):  # Horner
-            bias = (bias + np.asarray(row)) * excess
-        return samples + bias
+        bias = polynomial(stimulus, self.reference_temperature_c, self.coefficients_si_per_c)
+        bias += samples
+        return bias
 
 
 @dataclass(frozen=True)
@@ -238,11 +220,6 @@ class Quantisation(CatalogueEffect):
             return dataclasses.replace(self, quantum_si=0.0)
         codes = np.rint(outputs / float(real.min()))
         return dataclasses.replace(self, quantum_si=float(codes @ outputs / (codes @ codes)))
-
-    @property
-    def is_neutral(self) -> bool:
-        """No quantum."""
-        return self.quantum_si == 0
 
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState

@@ -12,7 +12,13 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.guessing import fitted, unexplained
 from dut_emulator.effects.parameters import parameter
-from dut_emulator.effects.recursions import MAX_DELAY_S, delayed, first_order_lag, lag_coefficients, recursion
+from dut_emulator.effects.recursions import (
+    MAX_DELAY_S,
+    first_order_lag,
+    lag_coefficients,
+    recursion,
+    straddling,
+)
 
 MOMENTS_OF_A_SCAN = 32
 """A moment is looked for at so many places, then again between two of them."""
@@ -89,16 +95,21 @@ class TimeShift(CatalogueEffect):
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
     ) -> FloatArray:
         """(n, 3) → (n, 3)."""
-        if self.is_neutral:
+        if self.is_neutral or len(samples) == 0:
             return samples
-        return delayed(samples, stimulus, self._delay_s(stimulus), state)[0]
+        before, after, ahead, span = straddling(samples, stimulus, self._delay_s(stimulus), state)
+        ahead /= span
+        after -= before
+        after *= ahead
+        after += before
+        return after.T
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """−u̇(t − d) D_k."""
         samples = stimulus.true_input(self.sensor)
         delay_s = self._delay_s(stimulus)
-        slope = delayed(samples, stimulus, delay_s, EffectState())[1]
-        slope = np.where((delay_s < MAX_DELAY_S)[:, np.newaxis], slope, 0.0)
+        before, after, _, span = straddling(samples, stimulus, delay_s, EffectState())
+        slope = np.where(delay_s < MAX_DELAY_S, (after - before) / span, 0.0).T
         return {
             name: -slope * pattern[:, np.newaxis] for name, pattern in self.delay_patterns(stimulus).items()
         }

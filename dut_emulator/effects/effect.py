@@ -10,7 +10,8 @@ do not commute, so each belongs to a stage, and a chain applies them stage by st
     quantiser    range, then quantum
     transport    what the link does to finished samples
 
-White noise is the exception: its density is stated for the output, so it comes behind the filter.
+Two exceptions. White noise comes behind the filter: its density is stated for the output. What is late, or
+jitters, comes before that noise: the signal is of another moment, the noise of each sample is its own.
 
 What an effect carries from one chunk to the next lies in an `EffectState` that the caller keeps, and each
 effect of a chain draws from a generator of its own. Hence a run does not depend on how it was cut into
@@ -100,10 +101,51 @@ class Stimulus:
     power_on_s: float = 0.0
 
     @cached_property
-    def gimbal_waves(self) -> tuple[FloatArray, FloatArray]:
-        """Sine and cosine of the gimbal angles, (3, n) each: several effects of a stand share them."""
-        angles = np.ascontiguousarray(self.channel("angles_rad").T)
-        return np.sin(angles), np.cos(angles)
+    def steps_s(self) -> FloatArray:
+        """(n − 1,) from sample to sample; infinite where time stands still."""
+        steps = np.diff(self.time_s)
+        steps[steps <= 0] = np.inf
+        return steps
+
+    @cached_property
+    def _triads(self) -> dict[str, FloatArray]:
+        return {}
+
+    @cached_property
+    def _waves(self) -> dict[tuple[str, float], tuple[FloatArray, FloatArray]]:
+        return {}
+
+    def triad(self, name: str) -> FloatArray:
+        """(n, 3) one of the vectors, the samples of an axis side by side; made once for all effects.
+
+        Raises:
+            TestloomError: this stimulus has none.
+        """
+        if name not in self._triads:
+            self._triads[name] = np.asfortranarray(self.channel(name))
+        return self._triads[name]
+
+    def tone(self, frequency_hz: float) -> tuple[FloatArray, FloatArray]:
+        """Sine and cosine of 2πft, (n,) each; made once for all effects."""
+        key = "time", frequency_hz
+        if key not in self._waves:
+            phase = 2.0 * np.pi * frequency_hz * self.time_s
+            self._waves[key] = np.sin(phase), np.cos(phase)
+        return self._waves[key]
+
+    def angle_waves(self, axis: int, harmonic: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Sine and cosine of nθ of a gimbal (0 outer, 1 middle, 2 inner), (n,) each; made once for all.
+
+        Whole harmonics are products of the first one's: a tenth of the time of a sine.
+        """
+        key = str(axis), harmonic
+        if key not in self._waves:
+            if harmonic > 1.0 and float(harmonic).is_integer():
+                self._waves[key] = _multiple_angle(*self.angle_waves(axis), int(harmonic))
+            else:
+                angle = harmonic * self.triad("angles_rad")[:, axis]
+                self._waves[key] = np.sin(angle), np.cos(angle)
+        return self._waves[key]
 
     def channel(self, name: str) -> FloatArray:
         """One of the attributes.
@@ -126,6 +168,16 @@ class Stimulus:
         if sensor == "temperature":
             return np.repeat(self.temperature_c[:, np.newaxis], 3, axis=1)
         return self.channel(_TRUE_INPUT[sensor])
+
+
+def _multiple_angle(sine: FloatArray, cosine: FloatArray, times: int) -> tuple[FloatArray, FloatArray]:
+    """sin nθ and cos nθ by doubling and adding angles, bit by bit of n."""
+    sine_n, cosine_n = sine, cosine
+    for bit in bin(times)[3:]:
+        sine_n, cosine_n = 2.0 * sine_n * cosine_n, cosine_n * cosine_n - sine_n * sine_n
+        if bit == "1":
+            sine_n, cosine_n = sine_n * cosine + cosine_n * sine, cosine_n * cosine - sine_n * sine
+    return sine_n, cosine_n
 
 
 @dataclass
@@ -190,19 +242,21 @@ class ChainState:
     generators: dict[str, np.random.Generator] = field(default_factory=dict[str, np.random.Generator])
 
 
-_OF_THE_OUTPUT = ("white_noise",)
+_BEHIND_THE_FILTER = {"fixed_delay": 0.25, "clock_drift": 0.25, "timestamp_jitter": 0.25, "white_noise": 0.5}
 
 
 def _place(effect: Effect) -> float:
-    """Where in a chain an effect acts: at its stage; the output's noise behind the filter."""
-    return Stage.FILTER + 0.5 if effect.word in _OF_THE_OUTPUT else float(effect.stage)
+    """Where in a chain an effect acts: at its stage, but for the exceptions of the module."""
+    share = _BEHIND_THE_FILTER.get(effect.word)
+    return float(effect.stage) if share is None else Stage.FILTER + share
 
 
 class EffectChain:
     """The effects of one triad in their order of stages; inside a stage, in the order given.
 
     White noise acts between filter and quantiser, wherever it is listed: a sensor's density is measured at
-    its output, and a sampled output is white up to half its rate whatever pole lies before the sampler.
+    its output, and a sampled output is white up to half its rate whatever pole lies before the sampler. Were
+    it moved in time with the signal, between samples, it would be smoothed.
 
     Raises:
         TestloomError: effects of two sensors, or one effect twice.

@@ -85,8 +85,8 @@ class Tone(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        phase = (2.0 * np.pi * self.frequency_hz * stimulus.time_s)[:, np.newaxis]
-        return {"cosine_si": np.cos(phase), "sine_si": np.sin(phase)}
+        sine, cosine = stimulus.tone(self.frequency_hz)
+        return {"cosine_si": cosine[:, np.newaxis], "sine_si": sine[:, np.newaxis]}
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,10 @@ class TimestampJitter(StochasticEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral:
             return samples
-        slope = rate_of_change(samples, stimulus, state, "input")
-        return samples + slope * (self.deviation_s * rng.standard_normal((len(samples), 1)))
+        moved = rate_of_change(samples, stimulus, state, "input")
+        moved *= self.deviation_s * rng.standard_normal((len(samples), 1))
+        moved += samples
+        return moved
 
     def variance(self, stimulus: Stimulus) -> FloatArray:
         """(n, 3): σ² u̇²."""
@@ -100,11 +102,12 @@ class DuplicateFrames(StochasticEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral or len(samples) == 0:
             return samples
-        copied = rng.random(len(samples)) < self.probability
-        before = samples[0] if state.last is None else state.last
-        known = np.concatenate([before[np.newaxis, :], samples])
-        source = np.maximum.accumulate(np.where(copied, 0, np.arange(1, len(samples) + 1)))
-        out = known[source]
+        copied = np.flatnonzero(rng.random(len(samples)) < self.probability)
+        out = samples.copy(order="K")
+        begins = np.diff(copied, prepend=-2) != 1  # of copies of copies the first knows what they repeat
+        sources = copied[begins][np.cumsum(begins) - 1] - 1
+        first = samples[0] if state.last is None else state.last
+        out[copied] = np.where(sources[:, np.newaxis] < 0, first, samples[sources])
         state.last = out[-1].copy()
         return out
 

@@ -6,6 +6,7 @@ would have held. A key keeps the recursions of one effect apart.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import EffectState, FloatArray, Stimulus
 from dut_emulator.effects.first_order import first_order
@@ -28,16 +29,14 @@ def rate_of_change(values: FloatArray, stimulus: Stimulus, state: EffectState, k
     """(n, m) → (n, m) backward difference over the time that passed; 0 at the very first sample."""
     if len(values) == 0:
         return values.copy()
-    first_value, first_time = values[:1], stimulus.time_s[:1]
-    before = state.carried.get(key, first_value)
-    time_before = state.carried.get(f"{key} time", first_time)
+    before = state.carried.get(key, values[0])
+    elapsed_s = float(stimulus.time_s[0] - state.carried.get(f"{key} time", stimulus.time_s)[0])
     change = np.empty(values.shape, order="F")
-    change[0], change[1:] = values[0] - before[0], values[1:] - values[:-1]
-    elapsed = np.diff(stimulus.time_s, prepend=time_before)[:, np.newaxis]
-    state.carried[key] = values[-1:].copy()
+    np.subtract(values[1:], values[:-1], out=change[1:])
+    change[1:] /= stimulus.steps_s[:, np.newaxis]
+    change[0] = (values[0] - before) / elapsed_s if elapsed_s > 0 else 0.0
+    state.carried[key] = values[-1].copy()
     state.carried[f"{key} time"] = stimulus.time_s[-1:].copy()
-    elapsed[elapsed <= 0] = np.inf  # no rate is known there: 0
-    change /= elapsed
     return change
 
 
@@ -65,11 +64,11 @@ def recursion(
     """
     if len(values) == 0:
         return values.copy()
-    before = state.carried.get(f"{key} input", values[:1])
-    memory = state.carried.get(key, start[np.newaxis, :])
-    drive = feed[0] * values + feed[1] * np.concatenate([before, values[:-1]])
-    result = first_order(drive, alpha, alpha * memory[0])
-    state.carried[f"{key} input"], state.carried[key] = values[-1:].copy(), result[-1:].copy()
+    memory = state.carried.get(key)
+    if memory is None:
+        memory = alpha * start + feed[1] * values[0]
+    result = first_order(values, alpha, memory, feed)
+    state.carried[key] = feed[1] * values[-1] + alpha * result[-1]  # as inside a chunk
     return result
 
 
@@ -103,48 +102,60 @@ def _play(inputs: FloatArray, half_width: float, memory: FloatArray) -> tuple[Fl
     """One channel, (n,). Memory: last input, input and place at the last turn, direction since then."""
     before = np.concatenate([memory[:1], inputs[:-1]])
     directions = np.concatenate([memory[3:], np.sign(inputs - before)])
-    moved = np.maximum.accumulate(np.where(directions != 0, np.arange(len(directions)), 0))
-    directions = directions[moved]  # at a standstill the last one stays
-    turns = directions[1:] != directions[:-1]
+    if not directions.all():  # at a standstill the last one stays
+        moved = np.maximum.accumulate(np.where(directions != 0, np.arange(len(directions)), 0))
+        directions = directions[moved]
+    turns = np.flatnonzero(directions[1:] != directions[:-1])
     turn_inputs = np.concatenate([memory[1:2], before[turns]])
     place = float(memory[2])
     places = [place]
     for step in (np.diff(turn_inputs) / half_width).tolist():
         place = min(max(place + step, -1.0), 1.0)
         places.append(place)
-    since = np.cumsum(turns)
-    at_turn = np.array(places)[since]
-    result = np.clip(at_turn + (inputs - turn_inputs[since]) / half_width, -1.0, 1.0)
+    lengths = np.diff(turns, prepend=0, append=len(inputs))
+    result = inputs - np.repeat(turn_inputs, lengths)
+    result /= half_width
+    result += np.repeat(places, lengths)
+    np.clip(result, -1.0, 1.0, out=result)
     return result, np.array([inputs[-1], turn_inputs[-1], place, directions[-1]])
 
 
-def delayed(
+def straddling(
     values: FloatArray, stimulus: Stimulus, delay_s: FloatArray, state: EffectState
-) -> tuple[FloatArray, FloatArray]:
-    """u(t − d(t)) and u̇(t − d(t)), both (n, m), for delays (n,) up to `MAX_DELAY_S`.
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where t − d(t) lies among the samples, for delays (n,) up to `MAX_DELAY_S`.
 
-    Linear between samples; before the first sample it is held; a negative delay extrapolates along the
-    latest slope.
+    Returns:
+        the samples before and after it, (m, n) each; how long it is behind the one before, and the time
+        between the two, (n,) each, s. Ahead of the newest sample these are the latest two; before the first
+        one ever the time between is infinite, so that its value is held.
     """
-    if len(values) == 0:
-        return values.copy(), values.copy()
+    period_s = stimulus.sample_period_s
     past, past_time = state.carried.get("past"), state.carried.get("past time")
     if past is None or past_time is None:
-        past, past_time = values[:1], stimulus.time_s[:1] - stimulus.sample_period_s
-    known, instants = np.concatenate([past, values]), np.concatenate([past_time, stimulus.time_s])
-    wanted = stimulus.time_s - np.minimum(delay_s, MAX_DELAY_S)
-    own = np.arange(len(past), len(known))
-    left = np.clip(np.searchsorted(instants, wanted, side="left"), 1, own) - 1
-    spans = np.diff(instants)
-    ahead = np.maximum(wanted - instants[left], 0.0)
-    before = wanted < instants[0]
-    slope, result = np.empty(values.shape, order="F"), np.empty(values.shape, order="F")
-    for axis in range(values.shape[1]):
-        column = known[:, axis]
-        slope[:, axis] = (np.diff(column) / spans)[left]
-        slope[before, axis] = 0.0
-        result[:, axis] = column[left] + slope[:, axis] * ahead
-    oldest_s = float(instants[-1]) - MAX_DELAY_S - 2 * stimulus.sample_period_s
+        past, past_time = values[:1].T, stimulus.time_s[:1] - period_s
+    known, instants = np.concatenate([past, values.T], axis=1), np.concatenate([past_time, stimulus.time_s])
+    limited_s = np.minimum(delay_s, MAX_DELAY_S)
+    wanted = stimulus.time_s - limited_s
+    newest = np.arange(len(past_time), len(instants)) - 1
+    guess = newest - np.maximum(limited_s / period_s, 0.0).astype(np.int64)
+    left = _sample_before(instants, np.minimum(wanted, instants[-1]), guess)
+    np.clip(left, 0, newest, out=left)
+    right = left + 1
+    begin = instants[left]
+    ahead, span = np.maximum(wanted - begin, 0.0), instants[right] - begin
+    span[wanted < instants[0]] = np.inf
+    oldest_s = float(instants[-1]) - MAX_DELAY_S - 2 * period_s
     keep = int(np.searchsorted(instants, oldest_s))
-    state.carried["past"], state.carried["past time"] = known[keep:], instants[keep:]
-    return result, slope
+    state.carried["past"], state.carried["past time"] = known[:, keep:].copy(), instants[keep:].copy()
+    return np.take(known, left, axis=1), np.take(known, right, axis=1), ahead, span
+
+
+def _sample_before(instants: FloatArray, wanted: FloatArray, guess: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) index of the last instant before each wanted one, −1 for none; quick where the guess is near."""
+    left = np.clip(guess, 0, len(instants) - 2)
+    left -= instants[left] >= wanted
+    left += instants[left + 1] < wanted
+    if np.any(instants[left + 1] < wanted) or np.any((instants[left] >= wanted) & (left >= 0)):
+        return np.searchsorted(instants, wanted, side="left") - 1
+    return left

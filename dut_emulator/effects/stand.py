@@ -1,6 +1,6 @@
 # pyright: strict
 # ruff: noqa: ARG002, RUF009  one signature for every effect; `parameter` makes a field
-"""What a stand does to the input that it says it gives: its axes, its encoders, its place on a turning Earth.
+"""What a stand does to the input that it says it gives: its axes, its encoders, where it carries the unit.
 
 The stimulus holds what the stand reports. A stand that is turned by a small rotation φ (body axes) against
 its report makes u − φ × u of an input, and adds φ̇ to a rate. Its effects follow the stand's angles, are
@@ -28,17 +28,23 @@ TRIADS: tuple[SensorName, ...] = ("gyro", "acc", "mag")
 def axis_angle(stimulus: Stimulus, axis: AxisName) -> FloatArray:
     """(n, 1) angle of one gimbal."""
     index = AXIS_NAMES.index(axis)
-    return stimulus.channel("angles_rad")[:, index : index + 1]
+    return stimulus.triad("angles_rad")[:, index : index + 1]
+
+
+def axis_waves(stimulus: Stimulus, axis: AxisName, harmonic: float = 1.0) -> tuple[FloatArray, FloatArray]:
+    """Sine and cosine of nθ of one gimbal, (n, 1) each."""
+    sine, cosine = stimulus.angle_waves(AXIS_NAMES.index(axis), harmonic)
+    return sine[:, np.newaxis], cosine[:, np.newaxis]
 
 
 def axis_direction(stimulus: Stimulus, axis: AxisName) -> FloatArray:
     """(n, 3) unit vector of one gimbal's axis, in body axes."""
-    (_, sine_m, sine_i), (_, cosine_m, cosine_i) = stimulus.gimbal_waves
-    zero = np.zeros_like(sine_i)
     if axis == "inner":
-        return _side_by_side(zero + 1.0, zero, zero)
+        return np.broadcast_to(np.array([1.0, 0.0, 0.0]), (len(stimulus.time_s), 3))
+    sine_i, cosine_i = stimulus.angle_waves(2)
     if axis == "middle":
-        return _side_by_side(zero, cosine_i, -sine_i)
+        return _side_by_side(np.zeros_like(sine_i), cosine_i, -sine_i)
+    sine_m, cosine_m = stimulus.angle_waves(1)
     return _side_by_side(-sine_m, sine_i * cosine_m, cosine_i * cosine_m)
 
 
@@ -70,6 +76,13 @@ class SmallRotation(LinearEffect):
         """Parameter → its φ per unit, as `LinearEffect.regressors`: (n, 1), (n, 3) or (3, n, 3)."""
         raise NotImplementedError
 
+    def rotation(self, stimulus: Stimulus) -> FloatArray:
+        """(n, 3) the whole φ."""
+        whole = np.zeros((len(stimulus.time_s), 3), order="F")
+        for name, pattern in self.rotations(stimulus).items():
+            add_contribution(whole, np.asarray(getattr(self, name), dtype=np.float64), pattern)
+        return whole
+
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
@@ -93,10 +106,10 @@ class SmallRotation(LinearEffect):
         """(n, 3) → (n, 3): one turn by the whole φ."""
         if self.is_neutral:
             return samples
-        rotation = np.zeros(samples.shape, order="F")
-        for name, pattern in self.rotations(stimulus).items():
-            add_contribution(rotation, np.asarray(getattr(self, name), dtype=np.float64), pattern)
-        return samples + turned(self.sensor, samples, rotation, stimulus, state, "rotation")
+        rotation = self.rotation(stimulus)
+        change = turned(self.sensor, samples, rotation, stimulus, state, "rotation")
+        change += samples
+        return change
 
 
 @dataclass(frozen=True)
@@ -118,8 +131,8 @@ class Wobble(SmallRotation):
 
     def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """See `SmallRotation.rotations`."""
-        phase = self.harmonic * axis_angle(stimulus, self.axis)
-        return {"cosine_rad": np.cos(phase), "sine_rad": np.sin(phase)}
+        sine, cosine = axis_waves(stimulus, self.axis, self.harmonic)
+        return {"cosine_rad": cosine, "sine_rad": sine}
 
 
 @dataclass(frozen=True)
@@ -143,9 +156,10 @@ class RateRipple(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        angle = axis_angle(stimulus, self.axis)
-        rate = rate_of_change(angle, stimulus, state, "angle") * axis_direction(stimulus, self.axis)
-        return {"cosine": rate * np.cos(self.harmonic * angle), "sine": rate * np.sin(self.harmonic * angle)}
+        angle_rate = rate_of_change(axis_angle(stimulus, self.axis), stimulus, state, "angle")
+        direction = axis_direction(stimulus, self.axis)
+        sine, cosine = axis_waves(stimulus, self.axis, self.harmonic)
+        return {"cosine": angle_rate * cosine * direction, "sine": angle_rate * sine * direction}
 
 
 @dataclass(frozen=True)
@@ -167,8 +181,8 @@ class EncoderEccentricity(SmallRotation):
 
     def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """See `SmallRotation.rotations`."""
-        direction, index = axis_direction(stimulus, self.axis), AXIS_NAMES.index(self.axis)
-        sine, cosine = (waves[index][:, np.newaxis] for waves in stimulus.gimbal_waves)
+        direction = axis_direction(stimulus, self.axis)
+        sine, cosine = axis_waves(stimulus, self.axis)
         return {"cosine_rad": -cosine * direction, "sine_rad": -sine * direction}
 
 
@@ -196,28 +210,11 @@ class RemountMisalignment(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
     ) -> FloatArray:
         """(n, 3) → (n, 3)."""
-        return samples if self.is_neutral else samples + cross(samples, np.asarray(self.rotation_rad))
-
-
-@dataclass(frozen=True)
-class EarthRate(LinearEffect):
-    """The stand's rates are relative to the laboratory, the gyro's to inertial space: y = ω + k Ω, k = 1.
-
-    15.04 °/h (WGS 84: 7.292115e-5 rad/s). Only where the reported rates leave it out.
-    """
-
-    share: float = parameter(0.0, "1", (-2.0, 2.0), "share of the Earth rate that the report lacks")
-    word: ClassVar[str] = "earth_rate"
-    stage: ClassVar[Stage] = Stage.MOUNTING
-    origin: ClassVar[str] = "stand"
-    valid: ClassVar[str] = "Any motion whose attitude is known."
-    sensors: ClassVar[tuple[SensorName, ...]] = ("gyro",)
-
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        return {"share": stimulus.channel("earth_rate_rad_s")}
+        if self.is_neutral:
+            return samples
+        change = cross(samples, np.asarray(self.rotation_rad))
+        change += samples
+        return change
 
 
 @dataclass(frozen=True)
@@ -247,51 +244,8 @@ class LeverArm(LinearEffect):
         if self.is_neutral:
             return samples
         force = lever_arm_force(stimulus, state, np.tile(self.arm_m, (3, 1)))
-        return samples + force
-
-
-@dataclass(frozen=True)
-class MotorField(LinearEffect):
-    """A stand's motor turns its field with its axis: y = B + c cos nθ + s sin nθ; 0.1 to 20 µT."""
-
-    cosine_t: Triple = parameter(ZERO, "T", (-1e-3, 1e-3), "field that goes with the cosine")
-    sine_t: Triple = parameter(ZERO, "T", (-1e-3, 1e-3), "field that goes with the sine")
-    harmonic: float = parameter(1.0, "1", (1.0, 1000.0), "periods in a turn of the axis", held=True)
-    axis: AxisName = "inner"
-    word: ClassVar[str] = "motor_field"
-    stage: ClassVar[Stage] = Stage.MOUNTING
-    origin: ClassVar[str] = "stand"
-    valid: ClassVar[str] = "A current that does not change with the load."
-    sensors: ClassVar[tuple[SensorName, ...]] = ("mag",)
-
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        phase = self.harmonic * axis_angle(stimulus, self.axis)
-        return {"cosine_t": np.cos(phase), "sine_t": np.sin(phase)}
-
-
-@dataclass(frozen=True)
-class ChamberGradient(LinearEffect):
-    """The chamber is warmer at its probe than at the unit: T_i = T + g_i (T − T_room); 1 to 5 °C at its ends.
-
-    Acts on what temperature sensors say, one for each axis.
-    """
-
-    share: Triple = parameter(ZERO, "1", (-0.5, 0.5), "difference as a share of the distance to room")
-    room_c: float = parameter(25.0, "degC", (-40.0, 85.0), "temperature outside the chamber", held=True)
-    word: ClassVar[str] = "chamber_gradient"
-    stage: ClassVar[Stage] = Stage.MOUNTING
-    origin: ClassVar[str] = "stand"
-    valid: ClassVar[str] = "A chamber in equilibrium with its walls."
-    sensors: ClassVar[tuple[SensorName, ...]] = ("temperature",)
-
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        return {"share": samples - self.room_c}
+        force += samples
+        return force
 
 
 @dataclass(frozen=True)
@@ -311,12 +265,22 @@ class LevelDrift(SmallRotation):
     def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """See `SmallRotation.rotations`."""
         since = stimulus.time_s - stimulus.power_on_s
-        (so, sm, si), (co, cm, ci) = stimulus.gimbal_waves
+        (so, co), (sm, cm), (si, ci) = (stimulus.angle_waves(axis) for axis in range(3))
         # the columns of C_body_from_lab, see `gimbal_geometry`
         x = _side_by_side(co * cm, co * sm * si - so * ci, co * sm * ci + so * si)
         y = _side_by_side(so * cm, so * sm * si + co * ci, so * sm * ci - co * si)
         z = _side_by_side(-sm, cm * si, cm * ci)
         return {"tilt_rate_rad_s": np.stack([x.T * since, y.T * since, z.T * since]).swapaxes(1, 2)}
+
+    def rotation(self, stimulus: Stimulus) -> FloatArray:
+        """(n, 3) the tilt, turned by one gimbal after the other."""
+        since = stimulus.time_s - stimulus.power_on_s
+        (so, co), (sm, cm), (si, ci) = (stimulus.angle_waves(axis) for axis in range(3))
+        x, y, z = self.tilt_rate_rad_s
+        along, across = (co * x + so * y) * since, (co * y - so * x) * since
+        z_t = z * since
+        up = sm * along + cm * z_t
+        return _side_by_side(cm * along - sm * z_t, si * up + ci * across, ci * up - si * across)
 
 
 @dataclass(frozen=True)
@@ -337,7 +301,7 @@ class NonOrthogonality(SmallRotation):
 
     def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """See `SmallRotation.rotations`."""
-        (_, lean, sine), (_, upright, cosine) = stimulus.gimbal_waves
+        (lean, upright), (sine, cosine) = stimulus.angle_waves(1), stimulus.angle_waves(2)
         return {
             "outer_middle_rad": _side_by_side(upright, sine * lean, cosine * lean),
             "middle_inner_rad": _side_by_side(np.zeros_like(sine), sine, cosine),
@@ -363,31 +327,3 @@ class RateScaleFactor(LinearEffect):
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
         return {"share": samples}
-
-
-@dataclass(frozen=True)
-class CrankGeometry(LinearEffect):
-    """A slider-crank is no sinusoid: y = f − λ r θ̇² cos 2θ along the stroke, λ = r / b (first order in λ).
-
-    x = r cos θ + r λ / 4 · cos 2θ: with λ = 0.2, the half-cycle integrals of a² are far from equal (paper 5).
-    θ is the inner angle; a scotch yoke has λ = 0.
-    """
-
-    ratio: float = parameter(0.0, "1", (0.0, 0.5), "λ = r / b, crank radius over rod length")
-    radius_m: float = parameter(0.15, "m", (0.0, 10.0), "crank radius r", held=True)
-    stroke: Triple = parameter((1.0, 0.0, 0.0), "1", (-1.0, 1.0), "unit vector, body axes", held=True)
-    word: ClassVar[str] = "crank_geometry"
-    stage: ClassVar[Stage] = Stage.MOUNTING
-    origin: ClassVar[str] = "stand"
-    valid: ClassVar[str] = (
-        "A steady speed of the flywheel; terms of λ³ (2 % of the correction at λ = 0.2) are left out."
-    )
-    sensors: ClassVar[tuple[SensorName, ...]] = ("acc",)
-
-    def regressors(
-        self, samples: FloatArray, stimulus: Stimulus, state: EffectState
-    ) -> dict[str, FloatArray]:
-        """See `LinearEffect.regressors`."""
-        angle = axis_angle(stimulus, "inner")
-        rate = rate_of_change(angle, stimulus, state, "angle")
-        return {"ratio": -self.radius_m * rate**2 * np.cos(2.0 * angle) * np.asarray(self.stroke)}

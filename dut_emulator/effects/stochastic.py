@@ -70,11 +70,6 @@ class WhiteNoise(StochasticEffect):
         found = np.nanstd(residual, axis=0) * np.sqrt(stimulus.sample_period_s)
         return dataclasses.replace(self, density_si_per_sqrt_hz=as_tuples(found))
 
-    @property
-    def is_neutral(self) -> bool:
-        """No noise."""
-        return not any(self.density_si_per_sqrt_hz)
-
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
     ) -> FloatArray:
@@ -82,8 +77,8 @@ class WhiteNoise(StochasticEffect):
         if self.is_neutral:
             return samples
         deviation = np.asarray(self.density_si_per_sqrt_hz) / np.sqrt(stimulus.sample_period_s)
-        noise = np.empty_like(samples)
-        np.multiply(rng.standard_normal(samples.shape), deviation, out=noise)
+        noise = np.asfortranarray(rng.standard_normal(samples.shape))
+        noise *= deviation
         noise += samples
         return noise
 
@@ -121,11 +116,6 @@ class BiasInstability(StochasticEffect):
         return dataclasses.replace(
             self, standard_deviation_si=as_tuples(deviation), correlation_time_s=time_s
         )
-
-    @property
-    def is_neutral(self) -> bool:
-        """No slow noise."""
-        return not any(self.standard_deviation_si)
 
     def apply(
         self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState

@@ -8,7 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dut_emulator.effects.catalogue_effect import LinearEffect
-from dut_emulator.effects.deterministic import REFERENCE_TEMPERATURE_C, VALID_TEMPERATURES_C, powers
+from dut_emulator.effects.deterministic import (
+    REFERENCE_TEMPERATURE_C,
+    VALID_TEMPERATURES_C,
+    excess_c,
+    polynomial,
+    powers,
+)
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.parameters import ZERO, ZERO_MATRIX, Matrix, Triple, parameter
 from dut_emulator.effects.recursions import play, rate_of_change
@@ -43,6 +49,17 @@ class ScaleFactorTemperature(LinearEffect):
         count = len(self.coefficients_per_c)
         return {"coefficients_per_c": samples * powers(stimulus, self.reference_temperature_c, count)}
 
+    def apply(
+        self, samples: FloatArray, stimulus: Stimulus, rng: np.random.Generator, state: EffectState
+    ) -> FloatArray:
+        """(n, 3) → (n, 3)."""
+        if self.is_neutral:
+            return samples
+        scaled = polynomial(stimulus, self.reference_temperature_c, self.coefficients_per_c)
+        scaled += 1.0
+        scaled *= samples
+        return scaled
+
 
 @dataclass(frozen=True)
 class MisalignmentTemperature(LinearEffect):
@@ -66,7 +83,8 @@ class MisalignmentTemperature(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        return {"misalignment_rad_per_c": samples * powers(stimulus, self.reference_temperature_c, 1)[0]}
+        excess = excess_c(stimulus, self.reference_temperature_c)
+        return {"misalignment_rad_per_c": samples * excess[:, np.newaxis]}
 
 
 @dataclass(frozen=True)

@@ -17,17 +17,16 @@ from dut_emulator.effects.effect import SensorName
 from dut_emulator.effects.stand import (
     AXIS_NAMES,
     AxisName,
-    ChamberGradient,
     EncoderEccentricity,
     LevelDrift,
     LeverArm,
-    MotorField,
     NonOrthogonality,
     RateRipple,
     RateScaleFactor,
     RemountMisalignment,
     Wobble,
 )
+from dut_emulator.effects.stand_surroundings import ChamberGradient, MotorField
 from dut_emulator.motion.chamber import ROOM_C
 from dut_emulator.motion.schedule import Drives, Triple
 from protocol.units_of_measure import factor_to_si

@@ -19,13 +19,24 @@ from dut_emulator.effects import (
     link,
     nonlinearity,
     stand,
+    stand_surroundings,
     thermal,
 )
 from dut_emulator.effects.parameters import scalars, with_values
 from tests.dut_emulator.effect_examples import DETERMINISTIC, EXAMPLES, applied, at_neutral, motion
 from tests.dut_emulator.effect_oracles import ORACLES
 
-MODULES = (couplings, deterministic, dynamics, fields_and_tones, link, nonlinearity, stand, thermal)
+MODULES = (
+    couplings,
+    deterministic,
+    dynamics,
+    fields_and_tones,
+    link,
+    nonlinearity,
+    stand,
+    stand_surroundings,
+    thermal,
+)
 WHOLE = motion()
 NOT_PHYSICS = {"guess", "variance", "__init__", "is_neutral"}
 LEAST_SIGNS = 40
