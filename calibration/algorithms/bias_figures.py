@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs,reportUnknownVariableType]
 
-from calibration.algorithms.block_means import BlockRecord, block_means
+from calibration.algorithms.block_means import BlockRecord, block_means, span_s
 from calibration.algorithms.correlated_fit import (
     Blocks,
     FloatArray,
@@ -130,7 +130,7 @@ def bias(
         CalibrationError: a record that is too short or has lost more than a tenth.
     """
     _check_channels(output, true_input, where)
-    record = _complete(where, time_s, output, _span_s(time_s) / BLOCKS_OF_A_BIAS, range_limit, duration_s)
+    record = _complete(where, time_s, output, span_s(time_s) / BLOCKS_OF_A_BIAS, range_limit, duration_s)
     ones = np.ones((len(record.blocks.middle_s), 1))
     fit = fit_correlated(ones, record.blocks, ("bias",), where, known_slow)
     trend, u_trend = _trend(record, where, known_slow)
@@ -345,7 +345,7 @@ def _complete(
     duration_s: float,
 ) -> BlockRecord:
     """Blocks of a record that is long enough and nearly whole."""
-    length_s = _span_s(time_s)
+    length_s = span_s(time_s)
     if length_s < duration_s * (1.0 - 1e-3):
         raise refused(
             f"The record lasts {length_s:.6g} s, {duration_s:g} s are asked for.", where, "record longer."
@@ -357,13 +357,6 @@ def _complete(
             f"{record.lost_fraction:.0%} of the record cannot be used: {reasons}.", where, "record again."
         )
     return record
-
-
-def _span_s(time_s: FloatArray) -> float:
-    """With the last sample's own period; 0 for less than two samples."""
-    if len(time_s) < 2:
-        return 0.0
-    return float((time_s[-1] - time_s[0]) + np.median(np.diff(time_s)))
 
 
 def _trend(record: BlockRecord, where: str, known_slow: SlowTerms | None) -> tuple[FloatArray, FloatArray]:

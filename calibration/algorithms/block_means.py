@@ -107,6 +107,13 @@ def block_means(
     return BlockRecord(blocks, means[:, channels:-1], tuple(not_used), offered)
 
 
+def span_s(time_s: FloatArray) -> float:
+    """Of a record, with the last sample's own period; 0 for fewer than two samples."""
+    if len(time_s) < 2:
+        return 0.0
+    return float(time_s[-1] - time_s[0]) + float(np.median(np.diff(time_s)))
+
+
 def joined(records: list[BlockRecord]) -> BlockRecord:
     """Blocks of several stretches on one clock, in their order."""
     blocks = Blocks(
