@@ -1,6 +1,7 @@
 # pyright: strict
 """Sections that a certificate and an original record share: what, for whom, where, with what, from what."""
 
+import math
 from collections.abc import Iterator
 from datetime import datetime
 
@@ -15,7 +16,7 @@ from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CalibratedQuantity, RecordTable, TableColumn, TemperatureSpan
 from protocol.language import translated
 
-MOST_COLUMNS = 8
+MOST_COLUMNS = 9
 """Wider tables are printed in parts, each with the first column."""
 SENSORS = {"acc": "Accelerometer", "gyro": "Gyro", "mag": "Magnetometer"}
 
@@ -161,7 +162,7 @@ def results_grid(record: CalibrationRecord, details: CertificateDetails, say: Sa
         say("Value"),
         say("Expanded uncertainty U"),
         say("Unit of measure"),
-        "k",
+        "$k",
         say("Degrees of freedom"),
     )
     rows = tuple(_result(quantity, printed_unit(quantity, details), say) for quantity in record.quantities)
@@ -201,7 +202,7 @@ def table_grids(table: RecordTable, digits: int, say: Say, language: str) -> tup
         first, align = (say("Row"), tuple(translated(name, language) for name in table.row_names)), "l"
     else:
         first, align = cells.pop(0), "r"
-    most = MOST_COLUMNS - 1
+    most = math.ceil(len(cells) / max(1, math.ceil(len(cells) / (MOST_COLUMNS - 1)))) or 1
     parts = [cells[start : start + most] for start in range(0, len(cells), most)] or [[]]
     return tuple(
         Grid(
@@ -235,7 +236,8 @@ def _printed(one: TableColumn, digits: int, say: Say) -> tuple[str, tuple[str, .
     texts, exponent = column(values, digits)
     label = axis_label(one.name, unit, say)
     if exponent:
-        label = f"{capital(quantity_words(one.name, say))}, {power_of_ten(exponent)} {unit_words(unit)}"
+        scale = power_of_ten(exponent) if unit == "1" else f"{power_of_ten(exponent)} {unit_words(unit)}"
+        label = f"{capital(quantity_words(one.name, say))}, {scale}"
     return label, texts
 
 
