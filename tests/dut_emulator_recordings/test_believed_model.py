@@ -138,6 +138,24 @@ def test_believed_and_the_stands_stream_leave_noise_only(
             assert low == pytest.approx(density, rel=0.1), (sensor, axis)
 
 
+@pytest.mark.parametrize(("product", "rate_hz"), [("mems_ahrs", 200.0), ("gnc_module", 200.0)])
+def test_a_link_that_is_late_does_not_smooth_the_noise(product: str, rate_hz: float) -> None:
+    """Half a period of delay, between samples, would take 30 % off the noise and all of its highest part."""
+    twin = only_sayable(product, "rate_staircase")
+    for sensor in ("gyro", "acc", "mag"):
+        if any(effect.sensor == sensor for effect in twin.effects):
+            late = dataclasses.replace(effect_named("link.fixed_delay", sensor), delay_s=2.5 / rate_hz)
+            twin = twin.with_effect(late)
+    density = next(e for e in twin.effects if (e.sensor, e.word) == ("gyro", "white_noise"))
+    for profile in ("static", "rate_staircase"):
+        recording = recorded(product, profile, twin=twin, seed=3, serial="U-0007")
+        dut, stand = (recording.streams[name].columns for name in ("dut", "stand"))
+        shown = np.interp(dut["t"] - 2.5 / rate_hz, stand["t"], stand["rate_z"])
+        rest = (dut["gyro_z"] - shown * recording.believed["gyro"]["matrix"][2][2]) * DEG
+        high, _ = densities(rest, 1.0 / rate_hz)
+        assert high == pytest.approx(density.density_si_per_sqrt_hz[2], rel=0.05)
+
+
 def densities(rest: np.ndarray, period_s: float) -> tuple[float, float]:
     """Of the highest octave, and of the two from a sixteenth to a quarter of half the sampling rate."""
     power = np.abs(np.fft.rfft(rest - rest.mean())) ** 2 * period_s / len(rest)

@@ -156,7 +156,7 @@ class _Streams:
         times_s = sample_times_s(self._next, to_s, self._unit.rate_hz)
         first, self._next = self._next, self._next + len(times_s)
         samples = self._ahrs.sample(
-            self._unit.run.stimulus(times_s), self._period_s, compensated=self._compensated
+            self._unit.run.stimulus, times_s, self._period_s, compensated=self._compensated
         )
         columns: dict[str, NDArray[Any]] = {"t": times_s}
         _add(

@@ -4,13 +4,14 @@
 The same for a unit that is recorded and for one that answers on its link. Heat first: the ambient warms the
 network of the housing, the areas' temperatures act on the triads. Then each triad's effects, in two parts: up
 to the quantiser they are the sensor's, which the firmware corrects and integrates; those of the transport act
-on what is sent, on the attitude too, so that a unit that is late is late in all it says.
+on what is sent, on the attitude too, so that a unit that is late is late in all it says. A fixed delay that
+both triads share moves the instants at which samples are taken, and so leaves their noise as it is.
 
 Sampling is at the rate of the stream: there is no faster rate inside that would be decimated.
 """
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.deterministic import Bias
-from dut_emulator.effects.dynamics import TimeShift
+from dut_emulator.effects.dynamics import FixedDelay, TimeShift
 from dut_emulator.effects.effect import (
     ChainState,
     EffectChain,
@@ -48,6 +49,8 @@ TEMPERATURE_NOISE_K = 0.03
 """Of a triad's mean; each sensor's own thermometer has 0.05 K."""
 SENSORS = ("gyro", "acc")
 """Triads that effects can be on; those on 'temperature' belong to the housing."""
+Acting = Callable[[FloatArray], Stimulus]
+"""What acts on the unit at instants (n,) that do not step back."""
 _SAME_STEP = 1e-6
 _COMPONENT_NODES = {
     Component.PROCESSOR: "processor",
@@ -139,6 +142,9 @@ class Ahrs:
         power_on_s: float,
     ) -> None:
         effects = tuple(effects)
+        self._delay_s = _common_delay_s(effects)
+        if self._delay_s:
+            effects = tuple(effect for effect in effects if not isinstance(effect, FixedDelay))
         seeds = {
             name: _child(seed, number)
             for number, name in enumerate((*SENSORS, "turn_on", "link", "thermometers"))
@@ -169,10 +175,13 @@ class Ahrs:
         self._attitude = AttitudeFilter(period_s, gates(compensated=compensated))
         self._shift_states = [EffectState() for _ in self._shifts]
 
-    def sample(self, acting: Stimulus, period_s: float, *, compensated: bool) -> AhrsSamples:
-        """Samples at `acting.time_s`, spaced by `period_s`; `begin_stream` comes first."""
+    def sample(
+        self, surrounding: Acting, times_s: FloatArray, period_s: float, *, compensated: bool
+    ) -> AhrsSamples:
+        """Samples sent at `times_s`, spaced by `period_s`; `begin_stream` comes first."""
         assert self._attitude is not None
-        count = len(acting.time_s)
+        count = len(times_s)
+        acting = dataclasses.replace(surrounding(times_s - self._delay_s), time_s=times_s)
         nodes = self._housing.advance(acting, period_s)
         areas_c = nodes[:, [cooling.GYRO_AREA, cooling.ACC_AREA]]
         stimulus = dataclasses.replace(
@@ -208,6 +217,13 @@ class Ahrs:
             attitude_rad=roll_pitch_yaw_rad(attitude / np.linalg.norm(attitude, axis=1, keepdims=True)),
             flags=flags.astype(np.uint16),
         )
+
+
+def _common_delay_s(effects: Iterable[CatalogueEffect]) -> float:
+    """Of the link, if both triads have the same; else 0, and each has its own on what is sent."""
+    found = {effect.sensor: effect.delay_s for effect in effects if isinstance(effect, FixedDelay)}
+    delays = {found.get(sensor, 0.0) for sensor in SENSORS}
+    return delays.pop() if len(delays) == 1 else 0.0
 
 
 def _thermal_flags(nodes_c: FloatArray) -> NDArray[np.int64]:

@@ -168,7 +168,7 @@ class MemsAhrsUnit(StandUnit):
             number = min(due, MAX_SAMPLES_PER_OUTPUT)
             due -= number
             times_s = np.minimum(stream.instants_s(number), now_s)
-            samples = ahrs.sample(self._acting(times_s), stream.period_s, compensated=stream.compensated)
+            samples = ahrs.sample(self._acting, times_s, stream.period_s, compensated=stream.compensated)
             self._last_flags = int(samples.flags[-1])
             roll, pitch, yaw = np.degrees(samples.attitude_rad[-1])
             self._last_attitude_deg = (float(roll), float(pitch), float(yaw))
