@@ -1,4 +1,4 @@
-"""What a satellite receiver says: UBX and NMEA 0183, both ways, and a parser of a stream that has both.
+"""What a satellite receiver sends: UBX NAV-PVT and NMEA 0183. Reading is a client's: pyubx2 reads both.
 
-Pure: bytes in, values out. Angles in rad, lengths in m, speeds in m/s.
+Pure: values in, bytes out. Angles in rad, lengths in m, speeds in m/s.
 """

@@ -1,11 +1,14 @@
 """What a streaming unit says on CAN, and its receiver handed through on RS-422."""
 
 import dataclasses
+import io
 import math
 import struct
+from typing import Any
 
 import numpy as np
 import pytest
+from pyubx2 import ERR_RAISE, UBXReader
 
 from dut_emulator.interfaces import LinkOutput, Surroundings
 from dut_emulator.products.gnc_module import GncModule
@@ -18,9 +21,6 @@ from protocol.bench_description import Site
 from protocol.can_database import GNC_RATE, GNC_SPECIFIC_FORCE, decode_can, message_period_s
 from protocol.frames import Frame, FrameParser, encode_frame
 from protocol.gnc_module import SAMPLE_DTYPE, FrameType, ReplyStatus, SelfTest
-from protocol.gnss.nmea import NmeaSentence, decode_gga
-from protocol.gnss.stream import GnssStreamParser
-from protocol.gnss.ubx import NavPvt, UbxFrame, decode_nav_pvt
 
 SITE = Site(latitude_deg=34.2, gravity_m_s2=9.797)
 UNIT = draw_unit(7, "GM-0002")
@@ -86,9 +86,14 @@ def forward(unit: GncModule, rate_hz: int, protocols: int, now_s: float) -> None
     unit.receive("rs422", encode_frame(FrameType.FORWARD_GNSS, 9, payload), now_s)
 
 
-def epochs(outputs: list[LinkOutput]) -> list[NavPvt]:
+def said_by_the_receiver(outputs: list[LinkOutput]) -> list[Any]:
+    """Messages of both protocols, as a client reads them."""
     data = b"".join(frame.payload for frame in frames(outputs) if frame.type == FrameType.GNSS_DATA)
-    return [decode_nav_pvt(item) for item in GnssStreamParser().feed(data) if isinstance(item, UbxFrame)]
+    return [message for _, message in UBXReader(io.BytesIO(data), quitonerror=ERR_RAISE)]
+
+
+def epochs(outputs: list[LinkOutput]) -> list[Any]:
+    return [message for message in said_by_the_receiver(outputs) if message.identity == "NAV-PVT"]
 
 
 def test_the_receiver_on_a_board_fixes_the_roofs_antenna() -> None:
@@ -96,19 +101,18 @@ def test_the_receiver_on_a_board_fixes_the_roofs_antenna() -> None:
     forward(unit, 5, 3, 60.03)
     outputs = unit.advance(70.0)
     fixes = epochs(outputs)
-    times = [(fix.minute * 60 + fix.second) + fix.nanosecond * 1e-9 for fix in fixes]
+    times = [(fix.min * 60 + fix.second) + fix.nano * 1e-9 for fix in fixes]
     np.testing.assert_allclose(times, 60.2 + 0.2 * np.arange(50), atol=1e-6)
     sent = [o.time_s for o in outputs if o.link == "rs422" and len(o.data) > 100]
     np.testing.assert_allclose(sent, times, atol=1e-6)
     for fix in fixes:
-        assert fix.fix_type == 3
-        assert fix.satellites_used == 12
-        assert abs(math.degrees(fix.latitude_rad) - 34.2) < 20 / 111_000
-        assert abs(fix.height_m - 430.0) < 20
-    data = b"".join(frame.payload for frame in frames(outputs) if frame.type == FrameType.GNSS_DATA)
-    sentences = [item for item in GnssStreamParser().feed(data) if isinstance(item, NmeaSentence)]
-    assert [sentence.address for sentence in sentences[:4]] == ["GNGGA", "GNRMC"] * 2
-    assert decode_gga(sentences[0]).satellites_used == 12
+        assert fix.fixType == 3
+        assert fix.numSV == 12
+        assert abs(fix.lat - 34.2) < 20 / 111_000
+        assert abs(fix.height - 430_000) < 20_000  # mm
+    said = said_by_the_receiver(outputs)
+    assert [message.identity for message in said] == ["NAV-PVT", "GNGGA", "GNRMC"] * 50
+    assert said[1].numSV == 12
     forward(unit, 0, 0, 70.1)
     assert not epochs(unit.advance(75.0))
 
@@ -137,12 +141,12 @@ def test_under_a_simulator_the_receiver_finds_what_is_played() -> None:
     stand.port.command("STAR", 10.0)
     forward(unit, 1, 1, 10.5)
     fixes = epochs(unit.advance(85.5))
-    first = next(number for number, fix in enumerate(fixes) if fix.fix_type == 3)
+    first = next(number for number, fix in enumerate(fixes) if fix.fixType == 3)
     assert 18 <= first <= 39  # seconds since the signals' start
-    assert fixes[-1].satellites_used == 9
-    assert fixes[-1].velocity_north_m_s == pytest.approx(20.0, abs=0.2)  # at speed since 10 s before
+    assert fixes[-1].numSV == 9
+    assert fixes[-1].velN == pytest.approx(20_000, abs=200)  # at speed since 10 s before
     # the way by hand: 10 s at 2 m/s² and 4.94 s at 20 m/s, with a latency of some 60 ms
-    north_m = (fixes[-1].latitude_rad - math.radians(34.2)) * 6_356_000
+    north_m = math.radians(fixes[-1].lat - 34.2) * 6_356_000
     assert north_m == pytest.approx(100 + 20 * 4.94, abs=10)
     fix, used, _, _, _, _, speed, _ = self_test(unit, 86.0)
     assert (fix, used) == (3, 9)
@@ -156,4 +160,4 @@ def test_a_receiver_that_acquires_nothing_forwards_that() -> None:
     unit = powered(deaf)
     forward(unit, 1, 1, 100.0)
     fixes = epochs(unit.advance(103.5))
-    assert [(fix.fix_type, fix.satellites_used) for fix in fixes] == [(0, 0)] * 3
+    assert [(fix.fixType, fix.numSV) for fix in fixes] == [(0, 0)] * 3

@@ -1,13 +1,17 @@
 """The module's receiver: geometry and ephemeris by hand, latency and arm on known tracks, what it sends."""
 
 import dataclasses
+import datetime
+import io
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyubx2 import ERR_RAISE, UBXReader
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.dynamics import GnssClockStep, GnssLatency
@@ -26,9 +30,6 @@ from dut_emulator.products.gnc_module.gnss_receiver import Fixes, GnssReceiver
 from dut_emulator.products.gnc_module.gnss_solution import ephemeris_wait_s, geometry_of
 from dut_emulator.products.gnc_module.unit_truth import GnssTruth
 from dut_emulator.twin import Twin
-from protocol.gnss.nmea import NmeaSentence, decode_gga, decode_rmc
-from protocol.gnss.stream import GnssStreamParser
-from protocol.gnss.ubx import UbxFrame, decode_nav_pvt
 
 PERFECT = GnssTruth(True, 12, (0.0, 0.0, 0.0), 0.0, 20e-9)
 STRONG_DBM = -90.0
@@ -201,24 +202,26 @@ def test_local_positions_become_geodetic_ones(
     np.testing.assert_allclose(rotation @ difference, [east, north, up], atol=2e-5)
 
 
+def read(data: bytes) -> list[Any]:
+    """Messages as a client reads them."""
+    return [message for _, message in UBXReader(io.BytesIO(data), quitonerror=ERR_RAISE)]
+
+
 def test_an_epoch_says_the_same_in_both_protocols() -> None:
     found = received(Sky(Track(0.0, 1.0, 25.0, 1e4, 1.0, 0.0)), to_s=70.0)
-    items = GnssStreamParser().feed(epoch_bytes(found, 650, 3))
-    (frame,) = [item for item in items if isinstance(item, UbxFrame)]
-    gga, rmc = (item for item in items if isinstance(item, NmeaSentence))
-    fix = decode_nav_pvt(frame)
-    assert (fix.year, fix.month, fix.day, fix.hour, fix.minute, fix.second) == (2026, 1, 1, 0, 1, 5)
-    assert fix.time_of_week_ms == (4 * 86_400 + 65 + 18) * 1000  # a Thursday; GPS is 18 s ahead
-    assert fix.fix_type == 3
-    assert fix.velocity_north_m_s == pytest.approx(25.0, abs=0.02)
-    assert decode_gga(gga).latitude_rad == pytest.approx(fix.latitude_rad, abs=3e-9)
-    assert decode_gga(gga).height_above_sea_m == pytest.approx(fix.height_above_sea_m, abs=2e-3)
-    assert decode_rmc(rmc).ground_speed_m_s == pytest.approx(fix.ground_speed_m_s, abs=2e-3)
-    assert decode_rmc(rmc).date == (1, 1, 26)
-    north_m = (fix.latitude_rad - math.radians(34.2)) * 6_356_000  # the meridian's radius there, to 0.1 %
+    fix, gga, rmc = read(epoch_bytes(found, 650, 3))
+    assert (fix.year, fix.month, fix.day, fix.hour, fix.min, fix.second) == (2026, 1, 1, 0, 1, 5)
+    time_of_week_ms = int.from_bytes(epoch_bytes(found, 650, 1)[6:10], "little")
+    assert time_of_week_ms == (4 * 86_400 + 65 + 18) * 1000  # a Thursday; GPS is 18 s ahead
+    assert fix.fixType == 3
+    assert fix.velN == pytest.approx(25_000, abs=20)  # mm/s
+    assert gga.lat == pytest.approx(fix.lat, abs=1.5e-7)
+    assert gga.alt == pytest.approx(fix.hMSL * 1e-3, abs=2e-3)
+    assert rmc.spd * 1852 / 3600 == pytest.approx(fix.gSpeed * 1e-3, abs=2e-3)
+    assert rmc.date == datetime.date(2026, 1, 1)
+    north_m = math.radians(fix.lat - 34.2) * 6_356_000  # the meridian's radius there, to 0.1 %
     assert north_m == pytest.approx(25 * 65 - 25**2 / 2, rel=2e-3)
     early = nav_pvt_of(found, 10)
     assert (early.fix_type, early.latitude_rad, early.horizontal_accuracy_m) == (0, 0.0, 4e6)
-    lost = [decode_gga(item) for item in GnssStreamParser().feed(epoch_bytes(found, 10, 2))[:1]]  # type: ignore[arg-type]
-    assert lost[0].quality == 0
-    assert lost[0].latitude_rad is None
+    lost, _ = read(epoch_bytes(found, 10, 2))
+    assert (lost.quality, lost.lat) == (0, "")

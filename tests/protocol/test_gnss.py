@@ -1,27 +1,22 @@
-"""Receiver codecs: published sentences and frames, the printed layout of NAV-PVT, and every round trip."""
+"""A receiver's bytes: the printed layout of NAV-PVT, and what libraries that others use read in them."""
 
+import dataclasses
+import datetime
+import io
 import math
 import struct
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pynmeagps import NMEAReader
+from pyubx2 import UBXReader
 
 from protocol.errors import LinkError
 from protocol.gnss import nmea, ubx
-from protocol.gnss.nmea import Gga, NmeaSentence, Rmc
-from protocol.gnss.stream import GnssStreamParser
-from protocol.gnss.ubx import NavPvt, UbxFrame
-
-GGA_LINE = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
-RMC_LINE = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n"
-"""The two sentences that every description of NMEA 0183 prints."""
-
-PUBLISHED_FRAMES = [  # u-blox application notes and driver sources: CFG-MSG, CFG-RATE (5 Hz), MON-VER poll
-    ("B5 62 06 01 03 00 01 07 01 13 51", (0x06, 0x01), bytes((1, 7, 1))),
-    ("B5 62 06 08 06 00 C8 00 01 00 01 00 DE 6A", (0x06, 0x08), bytes((0xC8, 0, 1, 0, 1, 0))),
-    ("B5 62 0A 04 00 00 0E 34", (0x0A, 0x04), b""),
-]
+from protocol.gnss.nmea import Gga, Rmc
+from protocol.gnss.ubx import NavPvt
 
 FIX = NavPvt(
     time_of_week_ms=345_600_200,
@@ -57,21 +52,12 @@ def fletcher(data: bytes) -> bytes:
     return bytes((a, b))
 
 
-def test_published_frames() -> None:
-    for text, kind, payload in PUBLISHED_FRAMES:
-        wire = bytes.fromhex(text)
-        assert ubx.encode_ubx(UbxFrame(kind, payload)) == wire
-        assert GnssStreamParser().feed(wire) == [UbxFrame(kind, payload)]
-
-
-@given(st.binary(max_size=1024))
-def test_the_checksum_is_fletchers(data: bytes) -> None:
-    assert ubx.checksum(data) == fletcher(data)
-
-
 def test_nav_pvt_lies_where_its_description_says() -> None:
     """Offsets and scales of UBX-13003221, 32.17.15, field by field."""
-    payload = ubx.nav_pvt_frame(FIX).payload
+    frame = ubx.nav_pvt_bytes(FIX)
+    assert frame[:6] == bytes.fromhex("B5 62 01 07 5C 00")
+    assert frame[-2:] == fletcher(frame[2:-2])
+    payload = frame[6:-2]
     assert len(payload) == 92
 
     def at(offset: int, code: str) -> int:
@@ -86,124 +72,97 @@ def test_nav_pvt_lies_where_its_description_says() -> None:
     assert [at(offset, "i") for offset in (48, 52, 56, 60)] == [-3000, 4000, 125, 5000]
     assert at(64, "i") == round((180 - math.degrees(math.atan2(4, 3))) * 1e5)
     assert (at(68, "I"), at(76, "H")) == (50, 131)
-    no_fix = ubx.nav_pvt_frame(NavPvt(**{**vars(FIX), "fix_type": 0})).payload
+    no_fix = ubx.nav_pvt_bytes(dataclasses.replace(FIX, fix_type=0))[6:]
     assert (no_fix[20], no_fix[21]) == (0, 0)
 
 
-angles = st.integers(-(10**9), 10**9).map(lambda n: math.radians(n * 1e-7))
-lengths = st.integers(-(10**7), 10**7).map(lambda n: n * 1e-3)
+degrees_1e7 = st.integers(-(10**9), 10**9)
+millimetres = st.integers(-(10**7), 10**7)
 
 
-@given(angles, angles, lengths, lengths, lengths, st.integers(0, 5), st.integers(0, 255))
-def test_nav_pvt_there_and_back(
-    longitude: float, latitude: float, height: float, north: float, down: float, fix: int, used: int
-) -> None:
-    said = NavPvt(
-        **{
-            **vars(FIX),
-            "longitude_rad": longitude,
-            "latitude_rad": latitude,
-            "height_m": height,
-            "velocity_north_m_s": north,
-            "velocity_down_m_s": down,
-            "fix_type": fix,
-            "satellites_used": used,
-        }
-    )
-    back = ubx.decode_nav_pvt(ubx.nav_pvt_frame(said))
-    for name, value in vars(said).items():
-        assert getattr(back, name) == pytest.approx(value, abs=1e-9), name
-
-
-def test_what_cannot_be_said_or_read_is_refused() -> None:
-    with pytest.raises(LinkError, match="cannot be said"):
-        ubx.nav_pvt_frame(NavPvt(**{**vars(FIX), "height_m": math.nan}))
-    with pytest.raises(LinkError, match="no NAV-PVT"):
-        ubx.decode_nav_pvt(UbxFrame((1, 7), bytes(84)))
-    with pytest.raises(LinkError, match="1025"):
-        ubx.encode_ubx(UbxFrame((1, 7), bytes(1025)))
-    with pytest.raises(LinkError, match="checksum"):
-        nmea.parse_sentence(GGA_LINE.replace(b"545.4", b"545.5"))
-    with pytest.raises(LinkError, match="no GGA"):
-        nmea.decode_gga(nmea.parse_sentence(RMC_LINE))
-
-
-def test_published_sentences() -> None:
-    gga = nmea.decode_gga(nmea.parse_sentence(GGA_LINE))
-    assert gga.time_of_day_s == 12 * 3600 + 35 * 60 + 19
-    assert math.degrees(gga.latitude_rad or 0) == pytest.approx(48 + 7.038 / 60, abs=1e-12)
-    assert math.degrees(gga.longitude_rad or 0) == pytest.approx(11 + 31 / 60, abs=1e-12)
-    assert (gga.quality, gga.satellites_used) == (1, 8)
-    assert (gga.horizontal_dop, gga.height_above_sea_m, gga.geoid_separation_m) == (0.9, 545.4, 46.9)
-    rmc = nmea.decode_rmc(nmea.parse_sentence(RMC_LINE))
-    assert rmc.is_valid
-    assert rmc.ground_speed_m_s == pytest.approx(22.4 * 0.514444, rel=1e-6)
-    assert math.degrees(rmc.course_rad or 0) == pytest.approx(84.4)
-    assert rmc.date == (23, 3, 94)
-    body = GGA_LINE.decode().strip("$\r\n").partition("*")[0].split(",")
-    assert nmea.encode_nmea(NmeaSentence(body[0], tuple(body[1:]))) == GGA_LINE
-
-
-hundredths = st.integers(0, 8_639_999).map(lambda n: n / 100)
-minute = 1e-5 / 60
-
-
-@given(hundredths, st.floats(-90, 90), st.floats(-180, 180), st.integers(0, 99), lengths)
-def test_sentences_there_and_back(
-    time: float, latitude: float, longitude: float, used: int, height: float
-) -> None:
-    gga = Gga(time, math.radians(latitude), math.radians(longitude), 1, used, 1.31, height, -12.5)
-    wire = nmea.encode_nmea(nmea.gga_sentence(gga))
-    assert len(wire) <= 82 + 7  # more decimals than the standard's line has room for
-    back = nmea.decode_gga(nmea.parse_sentence(wire))
-    assert math.degrees(back.latitude_rad or 0) == pytest.approx(latitude, abs=0.51 * minute)
-    assert math.degrees(back.longitude_rad or 0) == pytest.approx(longitude, abs=0.51 * minute)
-    assert back.time_of_day_s == pytest.approx(time, abs=1e-9)
-    assert back.height_above_sea_m == pytest.approx(height, abs=1e-9)
-    rmc = Rmc(time, True, math.radians(latitude), math.radians(longitude), 12.5, 1.0, (1, 2, 26))
-    again = nmea.decode_rmc(nmea.parse_sentence(nmea.encode_nmea(nmea.rmc_sentence(rmc))))
-    assert again.date == (1, 2, 26)
-    assert again.ground_speed_m_s == pytest.approx(12.5, abs=0.0005 * 1852 / 3600 * 1.01)
-    assert again.course_rad == pytest.approx(1.0, abs=math.radians(0.0051))
-
-
-def test_empty_fields_are_none_both_ways() -> None:
-    gga = Gga(None, None, None, 0, 0, None, None, None)
-    assert nmea.decode_gga(nmea.parse_sentence(nmea.encode_nmea(nmea.gga_sentence(gga)))) == gga
-    rmc = Rmc(None, False, None, None, None, None, None)
-    assert nmea.decode_rmc(nmea.parse_sentence(nmea.encode_nmea(nmea.rmc_sentence(rmc)))) == rmc
-
-
-pieces = st.one_of(
-    st.binary(max_size=30).map(lambda noise: (noise, None)),
-    st.sampled_from([ubx.nav_pvt_frame(FIX), UbxFrame((5, 1), b"$\xb5\x62\n")]).map(
-        lambda frame: (ubx.encode_ubx(frame), frame)
-    ),
-    st.just((GGA_LINE, nmea.parse_sentence(GGA_LINE))),
+@given(
+    degrees_1e7, degrees_1e7, millimetres, millimetres, millimetres, st.integers(0, 5), st.integers(0, 255)
 )
+def test_a_library_reads_nav_pvt_as_it_was_meant(
+    longitude: int, latitude: int, height: int, north: int, down: int, fix: int, used: int
+) -> None:
+    said = dataclasses.replace(
+        FIX,
+        longitude_rad=math.radians(longitude * 1e-7),
+        latitude_rad=math.radians(latitude * 1e-7),
+        height_m=height * 1e-3,
+        velocity_north_m_s=north * 1e-3,
+        velocity_down_m_s=down * 1e-3,
+        fix_type=fix,
+        satellites_used=used,
+    )
+    read: Any = UBXReader.parse(ubx.nav_pvt_bytes(said))
+    assert read.identity == "NAV-PVT"
+    assert (read.fixType, read.gnssFixOk, read.numSV) == (fix, int(fix > 0), used)
+    assert (read.lon, read.lat) == pytest.approx((longitude * 1e-7, latitude * 1e-7), abs=1e-9)
+    assert (read.height, read.hMSL, read.hAcc, read.vAcc) == (height, 455_500, 1250, 2500)
+    assert (read.velN, read.velE, read.velD, read.sAcc) == (north, 4000, down, 50)
+    assert read.gSpeed == round(math.hypot(north, 4000))
+    heading = math.degrees(math.atan2(4000, north)) % 360
+    assert read.headMot == pytest.approx(heading, abs=0.6e-5)
+    assert (read.pDOP, read.nano, read.fullyResolved) == (1.31, 200_000_000, 1)
 
 
-@settings(max_examples=60)
-@given(st.lists(pieces, max_size=12), st.integers(1, 40))
-def test_a_stream_finds_its_way_through_noise(parts: list[tuple[bytes, object]], cut: int) -> None:
-    """However it is cut, the same comes out, and every byte is either in it or counted as dropped."""
-    wire = b"".join(part for part, _ in parts)
-    whole, piecewise = GnssStreamParser(), GnssStreamParser()
-    found = whole.feed(wire)
-    assert [item for at in range(0, len(wire), cut) for item in piecewise.feed(wire[at : at + cut])] == found
-    assert piecewise.statistics == whole.statistics
-    sent = [item for _, item in parts if item is not None]
-    if all(item is not None for _, item in parts):
-        assert found == sent
-        assert whole.statistics.dropped_bytes == 0
+def test_what_cannot_be_said_is_refused() -> None:
+    for wrong in ({"height_m": math.nan}, {"height_m": 3e6}, {"satellites_used": 256}):
+        with pytest.raises(LinkError, match="cannot be said"):
+            ubx.nav_pvt_bytes(dataclasses.replace(FIX, **wrong))
 
 
-def test_a_damaged_frame_costs_itself_only() -> None:
-    frame = ubx.encode_ubx(ubx.nav_pvt_frame(FIX))
-    for at in range(len(frame)):
-        damaged = bytearray(frame)
-        damaged[at] ^= 0x10
-        parser = GnssStreamParser()
-        found = parser.feed(bytes(damaged) + GGA_LINE + frame + bytes(2000))
-        assert found[-2:] == [nmea.parse_sentence(GGA_LINE), ubx.nav_pvt_frame(FIX)], at
-        assert parser.statistics.dropped_bytes >= len(frame)
+@settings(max_examples=50)
+@given(
+    st.integers(0, 8_639_999),
+    st.floats(-90, 90),
+    st.floats(-180, 180),
+    st.integers(0, 99),
+    millimetres,
+)
+def test_a_library_reads_sentences_as_they_were_meant(
+    hundredths: int, latitude: float, longitude: float, used: int, height: int
+) -> None:
+    place = math.radians(latitude), math.radians(longitude)
+    wire = nmea.gga_bytes(Gga(hundredths / 100, *place, 1, used, 1.31, height * 1e-3, -12.5))
+    assert len(wire) <= 82 + 7  # more decimals than the standard's line has room for
+    gga: Any = NMEAReader.parse(wire)
+    assert gga.identity == "GNGGA"
+    assert seconds(gga.time) == pytest.approx(hundredths / 100, abs=1e-6)
+    assert (gga.lat, gga.lon) == pytest.approx((latitude, longitude), abs=0.51 * MINUTE)
+    assert (gga.quality, gga.numSV, gga.HDOP, gga.alt, gga.sep) == (1, used, 1.31, height / 1000, -12.5)
+    rmc: Any = NMEAReader.parse(nmea.rmc_bytes(Rmc(hundredths / 100, True, *place, 12.5, 1.0, (1, 2, 26))))
+    assert (rmc.status, rmc.posMode, rmc.date) == ("A", "A", datetime.date(2026, 2, 1))
+    assert (rmc.lat, rmc.lon) == pytest.approx((latitude, longitude), abs=0.51 * MINUTE)
+    assert rmc.spd == pytest.approx(12.5 / 0.5144444, abs=6e-4)
+    assert rmc.cog == pytest.approx(math.degrees(1.0), abs=0.0051)
+
+
+MINUTE = 1e-5 / 60
+
+
+def seconds(time: datetime.time) -> float:
+    return time.hour * 3600 + time.minute * 60 + time.second + time.microsecond * 1e-6
+
+
+def test_rounding_never_makes_sixty_minutes_or_seconds() -> None:
+    north, west = math.radians(34.99999999999), math.radians(-108.99999999999)
+    wire = nmea.gga_bytes(Gga(86_399.999, north, west, 1, 8, 0.9, 545.4, 46.9))
+    assert wire.startswith(b"$GNGGA,000000.00,3500.00000,N,10900.00000,W,1,08,0.90,545.400,M,46.9,M,,*")
+    assert b",001640.00," in nmea.gga_bytes(Gga(999.999, None, None, 0, 0, None, None, None))
+
+
+def test_without_a_fix_fields_are_empty() -> None:
+    gga: Any = NMEAReader.parse(nmea.gga_bytes(Gga(None, None, None, 0, 0, None, None, None)))
+    assert (gga.time, gga.lat, gga.lon, gga.HDOP, gga.alt, gga.sep) == ("",) * 6
+    rmc: Any = NMEAReader.parse(nmea.rmc_bytes(Rmc(1.5, False, None, None, None, None, None)))
+    assert (rmc.status, rmc.posMode, rmc.lat, rmc.spd, rmc.cog, rmc.date) == ("V", "N", "", "", "", "")
+
+
+def test_a_client_reads_both_protocols_from_one_stream() -> None:
+    fix = Gga(1.0, 0.5, 1.9, 1, 8, 0.9, 545.4, 46.9)
+    wire = ubx.nav_pvt_bytes(FIX) + nmea.gga_bytes(fix) + ubx.nav_pvt_bytes(FIX)
+    reads: list[Any] = [read for _, read in UBXReader(io.BytesIO(wire))]
+    assert [read.identity for read in reads] == ["NAV-PVT", "GNGGA", "NAV-PVT"]

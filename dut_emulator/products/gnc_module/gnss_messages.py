@@ -17,8 +17,8 @@ from protocol.gnc_module import (
     GNSS_ANTENNA_LONGITUDE_DEG,
     GnssProtocol,
 )
-from protocol.gnss.nmea import Gga, Rmc, encode_nmea, gga_sentence, rmc_sentence
-from protocol.gnss.ubx import NavPvt, encode_ubx, nav_pvt_frame
+from protocol.gnss.nmea import Gga, Rmc, gga_bytes, rmc_bytes
+from protocol.gnss.ubx import NavPvt, nav_pvt_bytes
 
 FloatArray = NDArray[np.float64]
 
@@ -58,9 +58,9 @@ def epoch_bytes(fixes: Fixes, row: int, protocols: int) -> bytes:
     fix = nav_pvt_of(fixes, row)
     data = b""
     if protocols & GnssProtocol.UBX:
-        data += encode_ubx(nav_pvt_frame(fix))
+        data += nav_pvt_bytes(fix)
     if protocols & GnssProtocol.NMEA:
-        data += encode_nmea(gga_sentence(_gga(fix))) + encode_nmea(rmc_sentence(_rmc(fix)))
+        data += gga_bytes(_gga(fix)) + rmc_bytes(_rmc(fix))
     return data
 
 
