@@ -5,7 +5,7 @@ What is not in the data (the recordings' hashes, the code's version, the time, t
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime
 from typing import Literal
 
@@ -24,6 +24,7 @@ from calibration.records.record_parts import (
     Frame,
     LeftOut,
     Model,
+    RecordedBudget,
     RecordTable,
     SourceRecording,
     StandReference,
@@ -54,6 +55,25 @@ BODY_AXES: dict[Method, str] = {
 
 
 @dataclass(frozen=True)
+class RecordContent:
+    """What a method found of one sensor, whatever the method: see `method_contents` for those of the papers.
+
+    Attributes are those of `CalibrationRecord`.
+    """
+
+    method: str
+    model: Model
+    quantities: tuple[CalibratedQuantity, ...]
+    covariance: tuple[CovarianceBlock, ...] = ()
+    tables: tuple[RecordTable, ...] = ()
+    budgets: tuple[RecordedBudget, ...] = ()
+    frames: tuple[Frame, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    not_used: tuple[LeftOut, ...] = ()
+    valid_temperature: TemperatureSpan | None = None
+
+
+@dataclass(frozen=True)
 class Origin:
     """What a record says of its making.
 
@@ -75,72 +95,90 @@ class Origin:
 def records_of(
     evaluation: Evaluation, recordings: Sequence[Recording], origin: Origin
 ) -> tuple[CalibrationRecord, ...]:
-    """A record for each sensor of an evaluation.
+    """A record for each sensor of an evaluation by today's methods.
+
+    Raises:
+        CalibrationError: as `record_of`.
+    """
+    return tuple(record_of(content, sensor, recordings, origin) for sensor, content in _contents(evaluation))
+
+
+def record_of(
+    content: RecordContent, sensor: str, recordings: Sequence[Recording], origin: Origin
+) -> CalibrationRecord:
+    """A record of what a method found.
 
     Args:
-        evaluation: of today's methods.
-        recordings: that it was made from.
+        content: what it found.
+        sensor: of the unit.
+        recordings: that it was found from; the first one tells unit, stand and site.
         origin: what is not in them.
 
     Raises:
         CalibrationError: nobody could tell which unit the record would be of, or what the recordings
             say of it fits no record.
     """
-    for name, value in (("serial", evaluation.serial), ("product", evaluation.product)):
-        if not value:
+    first = recordings[0]
+    where = f"recording {', '.join(recording.recording_id for recording in recordings)}"
+    for name in ("serial", "product"):
+        if not first.unit.get(name):
             raise CalibrationError(
                 f"The recordings do not say the {name} of the unit: a calibration record must.",
-                where=f"recording {', '.join(evaluation.recording_ids)}",
+                where=where,
                 fault=Fault.DATA,
                 remedy=f"write unit.{name} into recording.json.",
             )
+    unit_temperature = _temperatures(recordings, "dut")
     try:
-        return tuple(_records(evaluation, recordings, origin))
+        return CalibrationRecord(
+            serial=str(first.unit["serial"]),
+            product=str(first.unit["product"]),
+            sensor=sensor,
+            method=content.method,
+            model=content.model,
+            quantities=content.quantities,
+            covariance=content.covariance,
+            tables=content.tables,
+            budgets=content.budgets,
+            frames=content.frames,
+            assumptions=content.assumptions,
+            not_used=content.not_used,
+            valid_temperature=origin.valid_temperature or content.valid_temperature or unit_temperature,
+            recordings=origin.recordings,
+            plan=origin.plan,
+            stand=_stand(first),
+            environment=_environment(recordings, unit_temperature),
+            code=origin.code,
+            measured_at=min(filter(None, map(_started_at, recordings)), default=None),
+            created_at=origin.created_at,
+        )
     except ValidationError as error:
         raise CalibrationError(
             f"No calibration record can be made of this {first_problem(error)}.",
-            where=f"recording {', '.join(evaluation.recording_ids)}",
+            where=where,
             fault=Fault.DATA,
             remedy="correct what recording.json says of unit and site.",
         ) from None
 
 
-def _records(
-    evaluation: Evaluation, recordings: Sequence[Recording], origin: Origin
-) -> Iterator[CalibrationRecord]:
-    unit_temperature = _temperatures(recordings, "dut")
+def _contents(evaluation: Evaluation) -> Iterator[tuple[str, RecordContent]]:
+    """By sensor."""
+    shared = RecordContent(
+        method=evaluation.method,
+        model=Model(name=LINEAR_TRIAD, equation=TRIAD_EQUATION),
+        quantities=(),
+        frames=(Frame(name="body", definition=BODY_AXES[evaluation.method]),),
+        assumptions=evaluation.assumptions,
+        not_used=tuple(LeftOut(what=one.what, count=one.count, why=one.why) for one in evaluation.not_used),
+    )
     for sensor, triad in (("acc", evaluation.acc), ("gyro", evaluation.gyro)):
-        bias = evaluation.gyro_bias if sensor == "gyro" else None
         if triad is not None:
-            model, (quantities, covariance) = Model(name=LINEAR_TRIAD, equation=TRIAD_EQUATION), _triad(triad)
-        elif bias is not None:
-            model, quantities = Model(name=BIAS_ONLY, equation="y = b at zero input"), _bias(bias)
-            covariance = ()
-        else:
-            continue
-        yield CalibrationRecord(
-            serial=evaluation.serial,
-            product=evaluation.product,
-            sensor=sensor,
-            method=evaluation.method,
-            model=model,
-            quantities=quantities,
-            covariance=covariance,
-            tables=_residuals(evaluation, "m/s^2" if sensor == "acc" else "rad/s"),
-            frames=(Frame(name="body", definition=BODY_AXES[evaluation.method]),),
-            recordings=origin.recordings,
-            plan=origin.plan,
-            stand=_stand(recordings[0]),
-            environment=_environment(recordings, unit_temperature),
-            valid_temperature=origin.valid_temperature or unit_temperature,
-            assumptions=evaluation.assumptions,
-            not_used=tuple(
-                LeftOut(what=one.what, count=one.count, why=one.why) for one in evaluation.not_used
-            ),
-            code=origin.code,
-            measured_at=min(filter(None, map(_started_at, recordings)), default=None),
-            created_at=origin.created_at,
-        )
+            quantities, covariance = triad_quantities(triad)
+            tables = _residuals(evaluation, triad.unit)
+            yield sensor, replace(shared, quantities=quantities, covariance=covariance, tables=tables)
+    if evaluation.gyro is None and evaluation.gyro_bias is not None:
+        model = Model(name=BIAS_ONLY, equation="y = b at zero input")
+        yield "gyro", replace(shared, model=model, quantities=_bias(evaluation.gyro_bias))
 
 
 def coverage_factor(degrees_of_freedom: float | None, probability: float = COVERAGE_PROBABILITY) -> float:
@@ -156,7 +194,10 @@ def covariance_block(names: Sequence[str], covariance: FloatArray) -> Covariance
     return CovarianceBlock(parameters=tuple(names), matrix=tuple(tuple(map(float, row)) for row in symmetric))
 
 
-def _triad(triad: TriadCoefficients) -> tuple[tuple[CalibratedQuantity, ...], tuple[CovarianceBlock, ...]]:
+def triad_quantities(
+    triad: TriadCoefficients,
+) -> tuple[tuple[CalibratedQuantity, ...], tuple[CovarianceBlock, ...]]:
+    """Scale factors, cross-axis sensitivities and biases, with their covariance."""
     freedom = float(triad.degrees_of_freedom) if triad.degrees_of_freedom > 0 else None
     values = [*triad.matrix.ravel(), *triad.bias]
     uncertainties = np.sqrt(np.diag(triad.covariance))

@@ -330,9 +330,9 @@ def test_an_evaluation_becomes_a_record_of_each_sensor(synthetic_imu) -> None:
     x_up = done.si("acc_x", "acc_y", "acc_z")[:100].mean(axis=0)
     assert np.abs(x_up - np.array([9.797, 0, 0])).max() < 0.01
 
-    nameless = type(evaluation)(**vars(evaluation) | {"serial": ""})
+    nameless = type(recording)(**vars(recording) | {"unit": {"product": "gnc_module"}})
     with pytest.raises(CalibrationError, match="do not say the serial"):
-        records_of(nameless, [recording], origin)
+        records_of(evaluation, [nameless], origin)
     elsewhere = type(recording)(**vars(recording) | {"site": {"latitude_deg": 95.0}})
     with pytest.raises(CalibrationError, match="at latitude_deg: Input should be less than or equal to 90"):
         records_of(evaluation, [elsewhere], origin)
