@@ -97,10 +97,9 @@ class TimeShift(CatalogueEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral or len(samples) == 0:
             return samples
-        before, after, ahead, span = straddling(samples, stimulus, self._delay_s(stimulus), state)
-        ahead /= span
+        before, after, share, _ = straddling(samples, stimulus, self._delay_s(stimulus), state)
         after -= before
-        after *= ahead
+        after *= share
         after += before
         return after.T
 

@@ -6,13 +6,16 @@ would have held. A key keeps the recursions of one effect apart.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import EffectState, FloatArray, Stimulus
 from dut_emulator.effects.first_order import first_order
 
 MAX_DELAY_S = 2.0
 """No delay is longer; so much of the past is kept."""
+
+
+SAME_INSTANT = 1e-6
+"""Share of the time between two samples within which rounding decides on which side of one an instant is."""
 
 
 def cross(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -101,7 +104,9 @@ def play(values: FloatArray, half_width: float, state: EffectState, key: str) ->
 def _play(inputs: FloatArray, half_width: float, memory: FloatArray) -> tuple[FloatArray, FloatArray]:
     """One channel, (n,). Memory: last input, input and place at the last turn, direction since then."""
     before = np.concatenate([memory[:1], inputs[:-1]])
-    directions = np.concatenate([memory[3:], np.sign(inputs - before)])
+    directions = np.empty(len(inputs) + 1, dtype=np.int8)
+    directions[0] = memory[3]
+    np.subtract((inputs > before).view(np.int8), (inputs < before).view(np.int8), out=directions[1:])
     if not directions.all():  # at a standstill the last one stays
         moved = np.maximum.accumulate(np.where(directions != 0, np.arange(len(directions)), 0))
         directions = directions[moved]
@@ -125,10 +130,11 @@ def straddling(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Where t − d(t) lies among the samples, for delays (n,) up to `MAX_DELAY_S`.
 
+    Before the first sample ever its value is held; ahead of the newest one the latest two count.
+
     Returns:
-        the samples before and after it, (m, n) each; how long it is behind the one before, and the time
-        between the two, (n,) each, s. Ahead of the newest sample these are the latest two; before the first
-        one ever the time between is infinite, so that its value is held.
+        the samples before and after it, (m, n) each; which share of the way from one to the other it is
+        (beyond 1 ahead of the newest), and the time between the two, s, (n,) each.
     """
     period_s = stimulus.sample_period_s
     past, past_time = state.carried.get("past"), state.carried.get("past time")
@@ -138,24 +144,22 @@ def straddling(
     limited_s = np.minimum(delay_s, MAX_DELAY_S)
     wanted = stimulus.time_s - limited_s
     newest = np.arange(len(past_time), len(instants)) - 1
-    guess = newest - np.maximum(limited_s / period_s, 0.0).astype(np.int64)
-    left = _sample_before(instants, np.minimum(wanted, instants[-1]), guess)
-    np.clip(left, 0, newest, out=left)
-    right = left + 1
-    begin = instants[left]
-    ahead, span = np.maximum(wanted - begin, 0.0), instants[right] - begin
-    span[wanted < instants[0]] = np.inf
-    oldest_s = float(instants[-1]) - MAX_DELAY_S - 2 * period_s
-    keep = int(np.searchsorted(instants, oldest_s))
+    left = newest - np.maximum(limited_s / period_s, 0.0).astype(np.int64)  # if samples are a period apart
+    np.maximum(left, 0, out=left)
+    begin = instants.take(left)
+    span = instants.take(left + 1) - begin
+    share = (wanted - begin) / span
+    astray = np.flatnonzero((share < -SAME_INSTANT) | (share > 1.0 + SAME_INSTANT))
+    if len(astray):
+        found = np.searchsorted(instants, wanted[astray], side="left") - 1
+        left[astray] = np.clip(found, 0, newest[astray])
+        begin, span = instants[left], instants[left + 1] - instants[left]
+        share = (wanted - begin) / span
+    after = np.empty(known[:, : len(wanted)].shape)
+    before = np.empty_like(after)
+    for row, sample_before, sample_after in zip(known, before, after, strict=True):
+        row.take(left, out=sample_before, mode="clip")
+        row[1:].take(left, out=sample_after, mode="clip")
+    keep = int(np.searchsorted(instants, float(instants[-1]) - MAX_DELAY_S - 2 * period_s))
     state.carried["past"], state.carried["past time"] = known[:, keep:].copy(), instants[keep:].copy()
-    return np.take(known, left, axis=1), np.take(known, right, axis=1), ahead, span
-
-
-def _sample_before(instants: FloatArray, wanted: FloatArray, guess: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(n,) index of the last instant before each wanted one, −1 for none; quick where the guess is near."""
-    left = np.clip(guess, 0, len(instants) - 2)
-    left -= instants[left] >= wanted
-    left += instants[left + 1] < wanted
-    if np.any(instants[left + 1] < wanted) or np.any((instants[left] >= wanted) & (left >= 0)):
-        return np.searchsorted(instants, wanted, side="left") - 1
-    return left
+    return before, after, share, span

@@ -37,15 +37,20 @@ def axis_waves(stimulus: Stimulus, axis: AxisName, harmonic: float = 1.0) -> tup
     return sine[:, np.newaxis], cosine[:, np.newaxis]
 
 
-def axis_direction(stimulus: Stimulus, axis: AxisName) -> FloatArray:
-    """(n, 3) unit vector of one gimbal's axis, in body axes."""
+def about_axis(stimulus: Stimulus, axis: AxisName, amount: FloatArray) -> FloatArray:
+    """(n, 3) `amount` (n,) along the axis of one gimbal, in body axes."""
+    along = np.zeros((len(amount), 3), order="F")
     if axis == "inner":
-        return np.broadcast_to(np.array([1.0, 0.0, 0.0]), (len(stimulus.time_s), 3))
+        along[:, 0] = amount
+        return along
     sine_i, cosine_i = stimulus.angle_waves(2)
     if axis == "middle":
-        return _side_by_side(np.zeros_like(sine_i), cosine_i, -sine_i)
+        along[:, 1], along[:, 2] = cosine_i * amount, -sine_i * amount
+        return along
     sine_m, cosine_m = stimulus.angle_waves(1)
-    return _side_by_side(-sine_m, sine_i * cosine_m, cosine_i * cosine_m)
+    upright = cosine_m * amount
+    along[:, 0], along[:, 1], along[:, 2] = -sine_m * amount, sine_i * upright, cosine_i * upright
+    return along
 
 
 def _side_by_side(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
@@ -156,10 +161,12 @@ class RateRipple(LinearEffect):
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState
     ) -> dict[str, FloatArray]:
         """See `LinearEffect.regressors`."""
-        angle_rate = rate_of_change(axis_angle(stimulus, self.axis), stimulus, state, "angle")
-        direction = axis_direction(stimulus, self.axis)
-        sine, cosine = axis_waves(stimulus, self.axis, self.harmonic)
-        return {"cosine": angle_rate * cosine * direction, "sine": angle_rate * sine * direction}
+        rate = rate_of_change(axis_angle(stimulus, self.axis), stimulus, state, "angle")[:, 0]
+        sine, cosine = stimulus.angle_waves(AXIS_NAMES.index(self.axis), self.harmonic)
+        return {
+            "cosine": about_axis(stimulus, self.axis, rate * cosine),
+            "sine": about_axis(stimulus, self.axis, rate * sine),
+        }
 
 
 @dataclass(frozen=True)
@@ -181,9 +188,11 @@ class EncoderEccentricity(SmallRotation):
 
     def rotations(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """See `SmallRotation.rotations`."""
-        direction = axis_direction(stimulus, self.axis)
-        sine, cosine = axis_waves(stimulus, self.axis)
-        return {"cosine_rad": -cosine * direction, "sine_rad": -sine * direction}
+        sine, cosine = stimulus.angle_waves(AXIS_NAMES.index(self.axis))
+        return {
+            "cosine_rad": about_axis(stimulus, self.axis, -cosine),
+            "sine_rad": about_axis(stimulus, self.axis, -sine),
+        }
 
 
 @dataclass(frozen=True)
