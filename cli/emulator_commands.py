@@ -199,16 +199,11 @@ def plot(
 ) -> None:
     from cli.emulator_plots import unit_to_draw, write_plots
     from dut_emulator.products.catalogue import product_named
-    from protocol.durable_files import storage_error
 
     twin = _twin_of(unit, seed, serial)
     product = product_named(twin.product)
     name = f"{product.name}-{serial}" if unit == product.name else Path(unit).stem
-    try:
-        written = write_plots(unit_to_draw(twin, name, product), out)
-    except OSError as error:
-        raise storage_error(error, out) from error
-    for path in written:
+    for path in write_plots(unit_to_draw(twin, name, product), out):
         typer.echo(str(path))
 
 
@@ -245,9 +240,11 @@ def _twin_in(path: Path) -> "Twin":
 def _twin_of(unit: str, seed: int, serial: str) -> "Twin":
     """Of a product's unit, else of a file."""
     from dut_emulator.products.catalogue import PRODUCTS, product_named
+    from dut_emulator.recording.order import check_unit
     from protocol.errors import Fault, TestloomError
 
     if unit in PRODUCTS:
+        check_unit(seed, serial)
         return product_named(unit).twin(seed, serial)
     if not Path(unit).exists():
         raise TestloomError(
@@ -264,13 +261,9 @@ def _keep(twin: "Twin", out: Path) -> None:
     from cli.emulator_tables import twin_table
     from dut_emulator.recording.recording_files import refuse_existing
     from dut_emulator.twin import write_twin
-    from protocol.durable_files import storage_error
 
     refuse_existing(out)
-    try:
-        write_twin(twin, out)
-    except OSError as error:
-        raise storage_error(error, out) from error
+    write_twin(twin, out)
     _console().print(twin_table(twin, str(out)))
 
 
@@ -286,30 +279,22 @@ def _write(
     from rich.console import Console
     from rich.progress import Progress
 
-    from dut_emulator.recording.recording_files import (
-        RECORDING_FORMS,
-        refuse_existing,
-        write_recording,
-        write_truth,
-    )
+    from dut_emulator.recording.recording_files import RECORDING_FORMS, write_recording
 
     for warning in session.warnings:
         Console(stderr=True, highlight=False).print(translated(warning), style="yellow", markup=False)
-    if truth is not None:
-        refuse_existing(truth)
     forms = RECORDING_FORMS if form == "both" else (form,)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    errors = Console(stderr=True)
+    with Progress(console=errors, transient=True, disable=not errors.is_terminal) as progress:
         task = progress.add_task(session.description.recording_id, total=session.duration_s)
         written = write_recording(
             session,
             out,
             forms,
             stream_format=stream_format,
+            truth=truth,
             progress=lambda reached_s: progress.update(task, completed=reached_s),
         )
-    if truth is not None:
-        write_truth(session, truth)
-        written.append(truth)
     if as_json:
         facts = {
             "recording_id": session.description.recording_id,

@@ -16,7 +16,9 @@ from dut_emulator.effects.effect import FloatArray, SensorName
 from dut_emulator.picture_style import COLOURS, GRID
 from dut_emulator.products.product import Product
 from dut_emulator.recording import unit_character
+from dut_emulator.recording.recording_files import refuse_existing
 from dut_emulator.twin import Twin
+from protocol.durable_files import storage_error
 from protocol.language import say
 from protocol.units_of_measure import factor_to_si
 
@@ -30,7 +32,8 @@ _UNITS: dict[SensorName, tuple[str, str]] = {
     "acc": ("ug", "mg"),
     "mag": ("uT", "uT"),
 }
-"""Of Allan deviations, and of errors over temperature."""
+"""Of Allan deviations, and of errors over temperature unless they are small."""
+_SMALL = 0.01
 _SIZE_PER_TRIAD_IN = (5.2, 3.6)
 _DOTS_PER_INCH = 110
 
@@ -61,16 +64,22 @@ def write_plots(unit: DrawnUnit, directory: Path) -> list[Path]:
     """Three pictures as PNG in `directory`, made if it is not there; what was written.
 
     Raises:
-        OSError: the disk refuses.
+        RecordingError: there is something of such a name, or the disk refuses.
     """
-    directory.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
+    pictures = {
+        directory / f"{unit.name}-{word}.png": draw
+        for word, draw in (("allan", _allan), ("temperature", _temperature), ("step", _step))
+    }
+    for path in pictures:
+        refuse_existing(path)
     with mpl.rc_context(picture_style()):
-        for word, draw in (("allan", _allan), ("temperature", _temperature), ("step", _step)):
-            path = directory / f"{unit.name}-{word}.png"
-            FigureCanvasAgg(draw(unit)).print_png(path)
-            written.append(path)
-    return written
+        for path, draw in pictures.items():
+            try:
+                directory.mkdir(parents=True, exist_ok=True)
+                FigureCanvasAgg(draw(unit)).print_png(path)
+            except OSError as error:
+                raise storage_error(error, path, "file") from error
+    return list(pictures)
 
 
 def _allan(unit: DrawnUnit) -> Figure:
@@ -90,8 +99,9 @@ def _allan(unit: DrawnUnit) -> Figure:
 def _temperature(unit: DrawnUnit) -> Figure:
     figure, panels = _figure(say("{unit}: errors over temperature", unit=unit.name), unit, rows=2)
     for (sensor, axes), (top, bottom) in zip(unit.axes.items(), panels, strict=True):
-        measure = _UNITS[sensor][1]
         curve = unit_character.over_temperature(unit.twin, sensor)
+        largest = np.abs(curve.error[:, axes]).max(initial=0.0)
+        measure = _UNITS[sensor][1 if largest >= _SMALL * factor_to_si(_UNITS[sensor][1]) else 0]
         for axis in axes:
             drawn = {"color": COLOURS[axis], "label": AXES[axis]}
             top.plot(curve.temperature_c, curve.error[:, axis] / factor_to_si(measure), **drawn)
@@ -106,7 +116,7 @@ def _temperature(unit: DrawnUnit) -> Figure:
 def _step(unit: DrawnUnit) -> Figure:
     figure, panels = _figure(say("{unit}: answer to a step, without noise", unit=unit.name), unit)
     for (sensor, axes), (panel,) in zip(unit.axes.items(), panels, strict=True):
-        times_s, answer = unit_character.step_response(unit.twin, sensor)
+        times_s, answer = _until_the_step(*unit_character.step_response(unit.twin, sensor))
         for axis in axes:
             panel.plot(times_s * 1e3, answer[:, axis], color=COLOURS[axis], label=AXES[axis])
         panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
@@ -114,6 +124,12 @@ def _step(unit: DrawnUnit) -> Figure:
         panel.set_xlim(*_span_ms(times_s, answer[:, axes]))
         _finish(panel, sensor, say("time from the step, ms"), say("answer over input"))
     return figure
+
+
+def _until_the_step(times_s: FloatArray, answer: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """With one point more: just before the step nothing has answered, whatever a line would make of it."""
+    at = int(np.searchsorted(times_s, 0.0))
+    return np.insert(times_s, at, 0.0), np.insert(answer, at, answer[at - 1], axis=0)
 
 
 def _figure(title: str, unit: DrawnUnit, rows: int = 1) -> tuple[Figure, list[list[Any]]]:

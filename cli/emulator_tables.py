@@ -8,6 +8,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from cli.emulator_values import check_effect_name
 from dut_emulator.effects.catalogue import CATALOGUE, KINDS, effect_named
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import name_of
@@ -92,8 +93,9 @@ def effect_page(name: str) -> Group:
     Raises:
         TestloomError: there is none of this name.
     """
-    sensors = CATALOGUE[name][1] if name in CATALOGUE else None
-    effect = effect_named(name, sensors[0] if sensors else None)
+    check_effect_name(name)
+    sensors = CATALOGUE[name][1]
+    effect = effect_named(name, sensors[0])
     table = Table()
     for heading in (say("Parameter"), say("Unit"), say("Range"), say("What it is")):
         table.add_column(heading, no_wrap=heading != say("What it is"), overflow="fold")
@@ -103,7 +105,7 @@ def effect_page(name: str) -> Group:
         unit = unit_for(declaration.unit, effect.sensor)
         table.add_row(named, unit, f"{low:g} … {high:g}", Text(declaration.meaning))
     stage = effect.stage.name.lower()
-    about = say("Acts on {sensors}, stage {stage}.", sensors=", ".join(sensors or ()), stage=stage)
+    about = say("Acts on {sensors}, stage {stage}.", sensors=", ".join(sensors), stage=stage)
     valid = [Text(effect.valid)] if effect.valid else []
     words = Text(inspect.cleandoc(type(effect).__doc__ or ""))
     return Group(Text(name, style="bold"), Text(about), words, *valid, table)

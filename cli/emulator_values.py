@@ -1,18 +1,23 @@
 """`name=value[unit]` on the command line: profile parameters, and parameters of effects."""
 
+import difflib
 import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from dut_emulator.effects.catalogue import CATALOGUE, effect_named
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import SensorName
-from dut_emulator.effects.parameters import conversion_to, declarations, unit_for
+from dut_emulator.effects.parameters import conversion_to, declarations, scalars, unit_for
 from dut_emulator.motion.profile import ProfileKind
 from dut_emulator.twin import Twin, parse_twin, twin_text
 from protocol.errors import Fault, TestloomError
+from protocol.units_of_measure import KNOWN_UNITS, is_known_unit, quantity_of
 
 _QUANTITY = re.compile(r"\s*(\w+)\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+_AROUND_SLASH = re.compile(r"\s*/\s*")
 COMMAND_LINE = "command line"
 
 
@@ -28,9 +33,11 @@ def parsed(given: Sequence[str]) -> dict[str, tuple[float, str]]:
         if match is None:
             raise _refused(f"'{text}' is no value.", "write name=value or name=value and its unit.")
         name, value, unit = match.groups()
+        if not math.isfinite(float(value)):
+            raise _refused(f"'{text}' is no value.", "give a number that is not infinite.")
         if name in found:
             raise _refused(f"{name} is given twice.", "give it once.")
-        found[name] = (float(value), unit)
+        found[name] = (float(value), _AROUND_SLASH.sub("/", unit))
     return found
 
 
@@ -55,14 +62,16 @@ def with_effect(
     """
     if sensor is None and name in CATALOGUE and len(CATALOGUE[name][1]) == 1:
         sensor = CATALOGUE[name][1][0]
-    neutral = effect_named(name, sensor)
+    check_effect_name(name)
+    with _the_operators_words():
+        neutral = effect_named(name, sensor)
     entries = json.loads(twin_text(twin))["effects"]
     entry = next(
         (one for one in entries if (one["effect"], one["sensor"]) == (name, sensor)),
         {"effect": name, "sensor": sensor, "parameters": {}},
     )
     if not given:
-        names = ", ".join(declarations(neutral))
+        names = ", ".join(scalar.name for scalar in scalars(neutral))
         raise _refused(f"'{name}' without parameters changes nothing.", f"give some of: {names}.")
     for parameter, (value, unit) in parsed(given).items():
         spelled = _spelled(unit, _declared_unit(neutral, parameter))
@@ -70,8 +79,32 @@ def with_effect(
     if axis is not None:
         entry["axis"] = axis
     document = {"format": "testloom-twin/1", "product": twin.product, "effects": [entry]}
-    (effect,) = parse_twin(json.dumps(document), COMMAND_LINE).effects
-    return twin.with_effect(effect)
+    with _the_operators_words():
+        (effect,) = parse_twin(json.dumps(document), COMMAND_LINE).effects
+        return twin.with_effect(effect)
+
+
+def check_effect_name(name: str) -> None:
+    """Raises TestloomError for a name that the catalogue does not have; says which are like it."""
+    if name in CATALOGUE:
+        return
+    like = [known for known in CATALOGUE if name and name.lower() in known]
+    like = like or difflib.get_close_matches(name, CATALOGUE, n=5)
+    listed = "'testloom emulator effects' lists them all."
+    raise _refused(
+        f"There is no effect '{name}'.", f"use one of: {', '.join(like)}; {listed}" if like else listed
+    )
+
+
+@contextmanager
+def _the_operators_words() -> Iterator[None]:
+    """What is refused within came from the command line, and is in no file that could be corrected."""
+    try:
+        yield
+    except TestloomError as error:
+        place = error.where.removeprefix(f"{COMMAND_LINE}, effects[0] ")
+        where = f"{COMMAND_LINE}, {place}" if place != error.where else COMMAND_LINE
+        raise TestloomError(error.what, where=where, fault=Fault.OPERATOR, remedy=error.remedy) from error
 
 
 def _factor(name: str, unit: str, declared: str) -> float:
@@ -80,10 +113,15 @@ def _factor(name: str, unit: str, declared: str) -> float:
     try:
         return conversion_to(unit, declared)
     except TestloomError as error:
-        remedy = f"give the value in {declared} or in another unit of the same quantity."
+        like = [known for known in KNOWN_UNITS if _measures(declared) == _measures(known)] or [declared]
+        remedy = f"give the value in one of: {', '.join(like)}."
         raise TestloomError(
             error.what, where=f"{COMMAND_LINE}, {name}", fault=Fault.OPERATOR, remedy=remedy
         ) from error
+
+
+def _measures(unit: str) -> str:
+    return quantity_of(unit) if is_known_unit(unit) else ""
 
 
 def _spelled(unit: str, declared: str) -> str:
@@ -91,7 +129,12 @@ def _spelled(unit: str, declared: str) -> str:
     if not unit:
         return declared
     if " per " in declared and " per " not in unit and "/" in unit:
-        return " per ".join(unit.rsplit("/", 1))
+        compound = " per ".join(unit.rsplit("/", 1))
+        try:
+            conversion_to(compound, declared)
+        except TestloomError:
+            return unit  # to be refused as it was written
+        return compound
     return unit
 
 

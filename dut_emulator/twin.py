@@ -31,6 +31,7 @@ from dut_emulator.effects.parameters import (
     scalars,
     with_values,
 )
+from protocol.durable_files import write_whole
 from protocol.errors import Fault, TestloomError
 from protocol.frozen_model import FrozenModel
 
@@ -101,7 +102,7 @@ def read_twin(path: Path) -> Twin:
     if path.stat().st_size > MAX_TWIN_BYTES:
         raise _refused(f"The file is larger than {MAX_TWIN_BYTES} bytes.", str(path), "is it a twin file?")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark first
     except UnicodeDecodeError as error:
         raise _refused("The file is not UTF-8 text.", str(path), "is it a twin file?") from error
     except OSError as error:
@@ -139,8 +140,12 @@ def twin_text(twin: Twin) -> str:
 
 
 def write_twin(twin: Twin, path: Path) -> None:
-    """Write a twin file."""
-    path.write_text(twin_text(twin), encoding="utf-8")
+    """Write a twin file, whole or not at all.
+
+    Raises:
+        RecordingError: the disk refuses.
+    """
+    write_whole(path, twin_text(twin))
 
 
 def _entry_for(effect: CatalogueEffect) -> _Entry:

@@ -10,18 +10,39 @@ from protocol.errors import Fault, RecordingError
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
-def storage_error(error: OSError, path: Path) -> RecordingError:
-    """The error to raise when writing a recording to `path` failed. Nothing was left there."""
+def storage_error(error: OSError, path: Path, what: str = "recording") -> RecordingError:
+    """The error to raise when writing a recording (or `what`) to `path` failed. Nothing was left there."""
     full = error.errno in NO_ROOM
     reason = error.strerror or str(error)
     return RecordingError(
-        f"The recording could not be written: {reason}." + (" The disk is full." if full else ""),
+        f"The {what} could not be written: {reason}." + (" The disk is full." if full else ""),
         where=str(path),
         fault=Fault.STATION,
         remedy="make room on this disk, then write it again."
         if full
         else "check that the folder exists and may be written, then write it again.",
     )
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text file: all of it, or nothing is there.
+
+    Raises:
+        RecordingError: the disk refuses.
+    """
+    unfinished = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            unfinished.write_text(text, encoding="utf-8")
+            sync(unfinished)
+            unfinished.replace(path)
+        except BaseException:
+            unfinished.unlink(missing_ok=True)
+            raise
+        sync(path.parent)
+    except OSError as error:
+        raise storage_error(error, path, "file") from error
 
 
 def sync(path: Path) -> None:

@@ -52,6 +52,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
     "us": ("time", 1e-6),
+    "min": ("time", 60.0),
+    "h": ("time", 3600.0),
     "Hz": ("frequency", 1.0),
     "m": ("length", 1.0),
     "m/s": ("speed", 1.0),

@@ -43,9 +43,10 @@ class ProfileKind:
                 )
             parameter = known[name]
             if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
+                unit = "" if parameter.unit == "1" else f" {parameter.unit}"
                 raise self._refused(
-                    f"{name} cannot be {value:g} {parameter.unit}.",
-                    f"give {parameter.low:g} to {parameter.high:g} {parameter.unit}.",
+                    f"{name} cannot be {value:g}{unit}.",
+                    f"give {parameter.low:g} to {parameter.high:g}{unit}.",
                 )
         return {name: given.get(name, parameter.default) for name, parameter in known.items()}
 

@@ -1,6 +1,7 @@
 # pyright: strict
 """What is to be recorded: a unit, a profile, a stand, and how it is started. Pure data."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -8,6 +9,7 @@ from typing import Literal
 from dut_emulator.products.product import Product
 from dut_emulator.twin import Twin
 from protocol.bench_description import Site
+from protocol.errors import Fault, TestloomError
 
 LABORATORY = Site(latitude_deg=39.96, gravity_m_s2=9.8013)
 """Where it is recorded if nothing is said."""
@@ -16,6 +18,10 @@ STARTED_AT = "2026-01-01T00:00:00Z"
 """The clock is an input: without a date of its own a recording is the same on every day."""
 UNTRIGGERED_OFFSET_S = 0.013
 """Between two clocks that were started by hand (paper 2: 2.6° of error at 200 °/s)."""
+MAX_RUN = 999_999
+MAX_OFFSET_S = 1e6
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+"""Of what becomes a part of a file's name."""
 
 SampleType = Literal["float64", "float32"]
 
@@ -56,3 +62,53 @@ class RecordingOrder:
     powered_before_s: float = 0.0
     started_at: str = STARTED_AT
     sample_type: SampleType = "float64"
+
+
+def check_order(order: RecordingOrder) -> None:
+    """What can be refused before a product is asked.
+
+    Raises:
+        TestloomError: a seed, name or number that cannot be.
+    """
+    check_unit(order.seed, order.serial)
+    for name, given, good, expected in (
+        ("stand_seed", order.stand_seed, 0 <= order.stand_seed < 2**63, _SEEDS),
+        ("mount", order.mount, _NAME.fullmatch(order.mount) is not None, _NAMES),
+        ("run", order.run, 0 <= order.run <= MAX_RUN, f"a whole number from 0 to {MAX_RUN}"),
+        (
+            "powered_before_s",
+            order.powered_before_s,
+            0 <= order.powered_before_s <= MAX_OFFSET_S,
+            f"0 to {MAX_OFFSET_S:g} s",
+        ),
+        (
+            "clock_offset_s",
+            order.clock_offset_s,
+            abs(order.clock_offset_s) <= MAX_OFFSET_S,
+            f"-{MAX_OFFSET_S:g} to {MAX_OFFSET_S:g} s",
+        ),
+    ):
+        if not good:
+            raise _refused(name, given, expected)
+
+
+def check_unit(seed: int, serial: str) -> None:
+    """What can be refused before a unit is drawn; the serial number becomes a part of file names.
+
+    Raises:
+        TestloomError: a seed or a serial number that cannot be.
+    """
+    if not 0 <= seed < 2**63:
+        raise _refused("seed", seed, _SEEDS)
+    if _NAME.fullmatch(serial) is None:
+        raise _refused("serial", serial, _NAMES)
+
+
+_SEEDS = "a whole number from 0 to 2^63 - 1"
+_NAMES = "up to 64 letters, digits, '_', '.' and '-'; a letter or digit first"
+
+
+def _refused(name: str, given: object, expected: str) -> TestloomError:
+    return TestloomError(
+        f"{name} cannot be '{given}'.", where=name, fault=Fault.OPERATOR, remedy=f"give {expected}."
+    )

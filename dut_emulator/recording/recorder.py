@@ -34,7 +34,7 @@ from dut_emulator.products.product import (
     chain_effects,
     sample_times_s,
 )
-from dut_emulator.recording.order import FIRST_MOUNT, RecordingOrder
+from dut_emulator.recording.order import FIRST_MOUNT, RecordingOrder, check_order
 from dut_emulator.stands.catalogue import recording_stand
 from dut_emulator.stands.recording_stand import RecordingStand
 from dut_emulator.twin import Twin, twin_text
@@ -71,6 +71,7 @@ class RecordingSession:
     """
 
     def __init__(self, order: RecordingOrder) -> None:
+        check_order(order)
         product = product_named(order.product) if isinstance(order.product, str) else order.product
         _check(order, product)
         profile = profile_named(order.profile)
@@ -321,9 +322,6 @@ def _check(order: RecordingOrder, product: Product) -> None:
         raise _refused(
             f"'{order.started_at}' is no date and time.", "started_at", "write it as 2026-01-01T00:00:00Z."
         ) from error
-    for name, value in (("powered_before_s", order.powered_before_s), ("run", order.run)):
-        if not 0 <= value < math.inf:
-            raise _refused(f"{name} cannot be {value:g}.", name, "give 0 or more.")
 
 
 def _sensor_and_stage(effect: CatalogueEffect) -> tuple[str, int]:

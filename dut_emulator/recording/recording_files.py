@@ -1,14 +1,14 @@
 """A session into files: both forms at once, streamed, each whole or not there at all."""
 
 import json
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Literal
 
 from dut_emulator.recording.recorder import CHUNK_SAMPLES, RecordingSession, RecordingWriter, record_to
 from protocol.adapters.mcap_form import McapRecordingWriter
-from protocol.durable_files import storage_error
+from protocol.durable_files import write_whole
 from protocol.errors import Fault, RecordingError
 from protocol.folder_writing import FolderRecordingWriter
 from protocol.stream_files import StreamFormat
@@ -23,6 +23,7 @@ def write_recording(
     forms: Sequence[RecordingForm] = RECORDING_FORMS,
     *,
     stream_format: StreamFormat = "npz",
+    truth: Path | None = None,
     progress: Callable[[float], None] | None = None,
     chunk_samples: int = CHUNK_SAMPLES,
 ) -> list[Path]:
@@ -33,20 +34,30 @@ def write_recording(
         directory: made if it is not there.
         forms: of the recording; both by default.
         stream_format: of the folder's streams.
+        truth: where that goes which the recording does not tell; None for nowhere.
         progress: told the bench time that is reached.
         chunk_samples: the bound of what is in memory at once.
 
     Returns:
-        What was written, in the order of `forms`.
+        What was written, in the order of `forms`, and the truth.
 
     Raises:
-        RecordingError: something of such a name is there already, or the disk refuses.
+        RecordingError: something of such a name is there already, or the disk refuses: nothing is left.
     """
     name = session.description.recording_id
     paths = {form: directory / (f"{name}.mcap" if form == "mcap" else name) for form in forms}
     for path in paths.values():
         refuse_existing(path)
+        if truth is not None and truth.resolve().is_relative_to(path.resolve()):
+            raise RecordingError(
+                "The truth cannot be a part of the recording: who reads that may not know it.",
+                where=str(truth),
+                fault=Fault.OPERATOR,
+                remedy="choose a file outside the recording.",
+            )
     with ExitStack() as open_forms:
+        if truth is not None:
+            open_forms.enter_context(_truth_written(session, truth))
         writers: list[RecordingWriter] = []
         for form, path in paths.items():
             writer = (
@@ -56,23 +67,19 @@ def write_recording(
             )
             writers.append(open_forms.enter_context(writer))
         record_to(session, writers, progress, chunk_samples)
-    return list(paths.values())
+    return [*paths.values(), *([truth] if truth is not None else [])]
 
 
-def write_truth(session: RecordingSession, path: Path) -> None:
-    """What the recording does not tell, into a file beside it.
-
-    Raises:
-        RecordingError: there is something of this name, or the disk refuses.
-    """
+@contextmanager
+def _truth_written(session: RecordingSession, path: Path) -> Iterator[None]:
+    """What the recording does not tell, into a file of its own; it goes again if the recording fails."""
     refuse_existing(path)
-    text = json.dumps(session.truth(), indent=1, ensure_ascii=False) + "\n"
+    write_whole(path, json.dumps(session.truth(), indent=1, ensure_ascii=False) + "\n")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
+        yield
+    except BaseException:
         path.unlink(missing_ok=True)
-        raise storage_error(error, path) from error
+        raise
 
 
 def refuse_existing(path: Path) -> None:

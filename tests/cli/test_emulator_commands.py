@@ -1,6 +1,7 @@
 """`testloom emulator` as a person and a script use it."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from cli.main import main
 from dut_emulator.motion.profile_catalogue import PROFILES
 from dut_emulator.recording import recording_files
 from dut_emulator.twin import read_twin
+from protocol import durable_files
 from protocol.adapters.recording_forms import read_recording
-from protocol.language import say
+from protocol.language import choose_language, say
 from protocol.recording_checks import equal_recordings
 
 RECORD = ["emulator", "record", "rate_gyro_triad", "static"]
@@ -101,7 +103,11 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
             ["emulator", "record", "gnc_module", "rate_staircase", "--set", "max_rate_deg_s=9000"],
             "above its limit",
         ),
+        ([*RECORD, "--set", "duration_s=1e400"], "'duration_s=1e400' is no value"),
         ([*RECORD, "--latitude", "91"], "There is no such site"),
+        ([*RECORD, *SHORT, "--truth", "{a file}/truth.json"], "The file could not be written"),
+        (["emulator", "show", "fog", "--seed", "-1"], "seed cannot be '-1'"),
+        (["emulator", "with", "fog", "gyro.bias", "bias_si_x=1e400"], "is no value"),
         (["emulator", "show", "rocket"], "'rocket' is neither a product nor a twin file"),
         (["emulator", "plot", "{no product}"], "There is no product ''"),
         (["emulator", "with", "rate_gyro_triad", "gyro.charm", "x=1"], "There is no effect 'gyro.charm'"),
@@ -115,12 +121,65 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
 def test_what_cannot_be_is_refused_with_a_sentence(tmp_path, capsys, arguments, says):
     nobodys = tmp_path / "nobodys.json"
     nobodys.write_text('{"format": "testloom-twin/1", "effects": []}')
-    given = [str(nobodys) if word == "{no product}" else word for word in arguments]
+    named = {"{no product}": str(nobodys), "{a file}/truth.json": str(nobodys / "truth.json")}
+    given = [named.get(word, word) for word in arguments]
     assert main([*given, "--out", str(tmp_path / "out")]) == 1
     shown = capsys.readouterr().err
     assert says in shown
     assert "What to do" in shown
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (
+            ["gyro.g_sensitivity", "acc_xy=1deg/s"],
+            ["'deg/s' does not", "gyro.g_sensitivity, acc_xy", "operator"],
+        ),
+        (["gyro.bais", "bias_si_x=1deg/h"], ["gyro.bias,", "'testloom emulator effects' lists", "operator"]),
+        (["acc.bias", "bias_si_x=1e9"], ["lies outside", "command line, acc.bias", "operator"]),
+        (["gyro.bias", "bias_si_x=1m"], ["command line, gyro.bias, bias_si_x", "operator"]),
+    ],
+)
+def test_what_is_wrong_on_the_command_line_is_looked_for_there(tmp_path, capsys, given, says):
+    assert main(["emulator", "with", "mems_ahrs", *given, "--out", str(tmp_path / "unit.json")]) == 1
+    shown = capsys.readouterr().err
+    assert [words for words in says if words not in shown] == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        ["with", "fog", "gyro.bias"],
+        ["with", "fog", "gyro.bias", "bias_si_x=1m"],
+        ["with", "fog", "gyro.charm", "x=1"],
+        ["with", "fog", "gyro.bias", "bias_si_x=1e9"],
+        ["record", "gnc_module", "rotation", "--set", "ramp_s=2.4"],
+        ["record", "gnc_module", "rotation", "--set", "axis=9"],
+        ["record", "fog", "static", "--serial", "../x"],
+        ["record", "fog", "static", "--set", "duration_s=2 deg"],
+    ],
+)
+def test_a_refusal_is_wholly_chinese(tmp_path, capsys, given):
+    assert main(["--lang", "zh", "emulator", *given, "--out", str(tmp_path / "out")]) == 1
+    what, _, _, remedy = capsys.readouterr().err.splitlines()
+    assert choose_language("en") is None
+    for sentence in (what, remedy):
+        assert re.search("[\u4e00-\u9fff]", sentence)
+        assert not re.search(r"\b(give|use|does|cannot|the|outside)\b", sentence), sentence
+
+
+def test_units_are_found_however_they_are_spaced_and_the_others_are_named(tmp_path, capsys):
+    for name, value in (("a", "1 deg / h"), ("b", "1deg/h")):
+        given = ["gyro.bias", f"bias_si_x={value}"]
+        assert main(["emulator", "with", "fog", *given, "--out", str(tmp_path / name)]) == 0
+    assert (tmp_path / "a").read_text() == (tmp_path / "b").read_text()
+    assert main([*RECORD, "--set", "duration_s=1 day", "--out", str(tmp_path / "out")]) == 1
+    assert "s, ms, us, min, h." in capsys.readouterr().err
+    (tmp_path / "marked.json").write_text((tmp_path / "a").read_text(), encoding="utf-8-sig")
+    assert read_twin(tmp_path / "marked.json") == read_twin(tmp_path / "a")
 
 
 def test_a_full_disk_leaves_no_half_recording(tmp_path, capsys, monkeypatch):
@@ -138,6 +197,16 @@ def test_a_full_disk_leaves_no_half_recording(tmp_path, capsys, monkeypatch):
     assert "The disk is full" in capsys.readouterr().err
     assert list((tmp_path / "out").iterdir()) == []
     assert not truth.exists()
+
+
+def test_a_full_disk_leaves_no_half_twin(tmp_path, capsys, monkeypatch):
+    def full(path):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable_files, "sync", full)
+    assert main(["emulator", "show", "fog", "--out", str(tmp_path / "unit.json")]) == 1
+    assert "The file could not be written" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_script_gets_json(tmp_path, capsys):
@@ -189,3 +258,12 @@ def test_pictures_of_a_unit(tmp_path, monkeypatch, capsys):
     assert names == [f"rate_gyro_triad-U-0001-{word}.png" for word in ("allan", "step", "temperature")]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.iterdir())
     assert len(capsys.readouterr().out.split()) == 3
+    assert main(["emulator", "plot", "rate_gyro_triad", "--seed", "2", "--out", str(tmp_path)]) == 1
+    assert "something of this name already" in capsys.readouterr().err
+
+
+def test_nothing_is_drawn_to_answer_before_its_step():
+    from cli.emulator_plots import _until_the_step
+
+    times_s, answer = _until_the_step(np.array([-0.5, 0.0, 0.5]), np.array([[0.0], [1.0], [1.0]]))
+    assert np.interp([-1e-9, 1e-9], times_s, answer[:, 0]).tolist() == pytest.approx([0.0, 1.0])

@@ -9,7 +9,7 @@ import pytest
 from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.recording.order import RecordingOrder
 from dut_emulator.recording.recorder import RecordingSession, record_to, recorded
-from dut_emulator.recording.recording_files import write_recording, write_truth
+from dut_emulator.recording.recording_files import write_recording
 from dut_emulator.twin import Twin
 from protocol.adapters.recording_forms import read_recording
 from protocol.errors import TestloomError
@@ -55,8 +55,7 @@ def test_a_trigger_joins_the_clocks_and_nothing_tells_their_offset_without(plain
 def test_the_truth_is_told_apart_from_the_recording(plain, tmp_path):
     twin = Twin("plain_unit", (effect_named("gyro.bias", bias_si=(0.125, 0.0, 0.0)),))
     session = RecordingSession(RecordingOrder(plain, "plain_spin", twin=twin, triggered=False))
-    write_truth(session, tmp_path / "truth.json")
-    (folder, _) = write_recording(session, tmp_path / "out")
+    (folder, _, _) = write_recording(session, tmp_path / "out", truth=tmp_path / "truth.json")
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert truth["unit"]["effects"][0]["parameters"]["bias_si_x"] == {"value": 0.125, "unit": "rad/s"}
     assert truth["stand"]["effects"][0]["effect"] == "stand.remount_misalignment"
@@ -65,7 +64,11 @@ def test_the_truth_is_told_apart_from_the_recording(plain, tmp_path):
     assert "gyro.bias" not in told
     assert "remount" not in told
     with pytest.raises(TestloomError, match="something of this name already"):
-        write_truth(session, tmp_path / "truth.json")
+        write_recording(session, tmp_path / "again", truth=tmp_path / "truth.json")
+    assert not (tmp_path / "again").exists()
+    inside = tmp_path / "again" / session.description.recording_id / "truth.json"
+    with pytest.raises(TestloomError, match="cannot be a part of the recording"):
+        write_recording(session, tmp_path / "again", truth=inside)
 
 
 def test_of_two_effects_with_one_name_the_units_is_the_truth(plain):
@@ -138,7 +141,15 @@ def test_an_overdue_calibration_is_in_the_recording_and_warned_of(plain):
         ({"values": {"speed": 1.0}}, "has no parameter 'speed'"),
         ({"twin": Twin("fog")}, "The twin is one of a fog, not of a plain_unit"),
         ({"started_at": "yesterday"}, "'yesterday' is no date and time"),
-        ({"powered_before_s": -1.0}, "powered_before_s cannot be -1"),
+        ({"powered_before_s": -1.0}, "powered_before_s cannot be '-1.0'"),
+        ({"clock_offset_s": float("nan")}, "clock_offset_s cannot be 'nan'"),
+        ({"run": 10**20}, "run cannot be '1000"),
+        ({"seed": -1}, "seed cannot be '-1'"),
+        ({"seed": 2**63}, "seed cannot be '9223372036854775808'"),
+        ({"stand_seed": -1}, "stand_seed cannot be '-1'"),
+        ({"serial": "../U-0001"}, "serial cannot be '../U-0001'"),
+        ({"serial": ""}, "serial cannot be ''"),
+        ({"mount": ".."}, "mount cannot be '..'"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused_before_anything_runs(plain, changed, says):
@@ -154,9 +165,11 @@ def test_a_unit_that_fails_in_the_middle_leaves_no_file(plain, tmp_path, monkeyp
         if reached_s >= 1.0:
             raise KeyboardInterrupt
 
+    truth = tmp_path / "truth.json"
     with pytest.raises(KeyboardInterrupt):
-        write_recording(session, tmp_path / "out", progress=stop, chunk_samples=300)
+        write_recording(session, tmp_path / "out", truth=truth, progress=stop, chunk_samples=300)
     assert list((tmp_path / "out").iterdir()) == []
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
 def test_clocks_started_by_hand_look_like_an_error_of_attitude():
