@@ -28,6 +28,7 @@ COMMANDS = {
     "recording": ("recording_commands", "app"),
     "emulator": ("emulator_commands", "app"),
     "calibrate": ("calibrate_command", "app"),
+    "certificate": ("certificate_command", "certificate"),
     "doctor": ("doctor_command", "doctor"),
     "router": ("router_command", "router"),
     "coordinator": ("coordinator_commands", "coordinator"),

@@ -51,7 +51,7 @@ class _Scale:
             step = max(1, len(decades) // 7)
             return [(10.0**k, "10" + str(k).translate(SUPERSCRIPTS)) for k in decades[::step]]
         step = _round_step((self.high - self.low) / _TICKS)
-        step = max(step, 1.0) if self.counts else step
+        step = math.ceil(step) if self.counts else step
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
         places = max(0, -int(Decimal(f"{step:.6g}").normalize().as_tuple().exponent))
         return [(k * step, f"{k * step + 0.0:.{places}f}".replace("-", "−")) for k in range(first, last + 1)]

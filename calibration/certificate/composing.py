@@ -5,7 +5,9 @@ A certificate gives results, their uncertainty and what they are traceable to; t
 every table as it was read. One layout for every product and method: it follows the record's own shape.
 """
 
+import json
 from collections.abc import Iterator
+from dataclasses import asdict
 
 from calibration.certificate.conformity import Judgement, judgements
 from calibration.certificate.details import CertificateDetails
@@ -38,6 +40,7 @@ from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import RecordedBudget
 from protocol.language import translated
 
+FORMAT = "testloom-certificate/1"
 RESULT_DIGITS = 5
 READING_DIGITS = 7
 MOST_ROWS_ON_A_CERTIFICATE = 40
@@ -97,6 +100,19 @@ def original_record(record: CalibrationRecord, details: CertificateDetails, lang
         _signatures(details, say),
     )
     return _document(say("Original record of a calibration"), record, details, language, sections, {})
+
+
+def document_json(document: Document, record: CalibrationRecord, details: CertificateDetails) -> str:
+    """What the pages say, with the record and the details that they were made from, for programs."""
+    content = {
+        "format": FORMAT,
+        "record_sha256": record.sha256(),
+        "record": json.loads(record.canonical_json()),
+        "details": details.model_dump(mode="json", exclude_defaults=True),
+        "judgements": [asdict(one) for one in judgements(record, details)],
+        "document": document.as_json(),
+    }
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, sort_keys=True, indent=1) + "\n"
 
 
 def qr_payload(record: CalibrationRecord) -> str:
