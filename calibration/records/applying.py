@@ -1,5 +1,8 @@
 # pyright: strict
-"""A record's coefficients, put to use on a recording of the unit that they are of: u = inv(M) (y - b).
+"""A record's coefficients, put to use on a recording of the unit that they are of.
+
+    u = inv(M) (y - b)                    linear_triad
+    u = inv(M) (y - sigma(y, T) - b)      linear_triad_temperature (paper 2, eq (2)): nodes from its table
 
 The recording says afterwards which record its samples were compensated by, and is not compensated by a
 second one. Coefficients of another unit, product, sensor or unit of measure are refused.
@@ -13,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.algorithms.coefficients import FloatArray
+from calibration.algorithms.temperature_compensation import POWER_WORDS, hat_weights
+from calibration.records.derived_units import derived_unit
 from calibration.records.making import TRIAD_NAMES, temperature_columns
-from calibration.records.record import LINEAR_TRIAD, CalibrationRecord
+from calibration.records.record import LINEAR_TRIAD, LINEAR_TRIAD_TEMPERATURE, CalibrationRecord
 from calibration.sensor_knowledge import axes, sensor_range
 from protocol.errors import CalibrationError, Fault
 from protocol.recordings import Recording, Stream
@@ -58,7 +63,8 @@ def apply_record(record: CalibrationRecord, recording: Recording) -> Compensatio
     stream = recording.stream("dut")
     _refuse_other_measure(record, recording, stream, unit)
     output = stream.si(*names)
-    true_input = (output - bias) @ np.linalg.inv(matrix).T
+    more = _sigma(record, recording, output) if record.model.name == LINEAR_TRIAD_TEMPERATURE else 0.0
+    true_input = (output - more - bias) @ np.linalg.inv(matrix).T
     columns = dict(stream.columns)
     for axis, name in enumerate(names):
         samples = stream.columns[name]
@@ -134,10 +140,10 @@ def _marks(recording: Recording) -> list[Mapping[str, Any]]:
 
 def _coefficients(record: CalibrationRecord) -> tuple[FloatArray, FloatArray, str]:
     """M, b in SI, and the unit that b is stated in."""
-    if record.model.name != LINEAR_TRIAD:
+    if record.model.name not in (LINEAR_TRIAD, LINEAR_TRIAD_TEMPERATURE):
         raise CalibrationError(
             f"A record of the model '{record.model.name}' cannot be applied: "
-            f"only one of '{LINEAR_TRIAD}' can.",
+            f"only one of '{LINEAR_TRIAD}' can, or of '{LINEAR_TRIAD_TEMPERATURE}'.",
             where=f"record {record.title}",
             fault=Fault.OPERATOR,
             remedy="take a record with scale factors, cross-axis sensitivities and biases.",
@@ -162,6 +168,39 @@ def _coefficients(record: CalibrationRecord) -> tuple[FloatArray, FloatArray, st
             remedy="calibrate the unit anew.",
         )
     return matrix, values[9:] * factor_to_si(unit), unit
+
+
+def _sigma(record: CalibrationRecord, recording: Recording, output: FloatArray) -> FloatArray:
+    """What the output (n, 3) has more than at room temperature, SI; NaN where the temperature is missing."""
+    tables = {table.name: table for table in record.tables}
+    columns = {column.name: column for column in tables["nodes"].columns} if "nodes" in tables else {}
+    wanted = {(axis, word): f"{word}_{axis}" for axis in "xyz" for word in POWER_WORDS}
+    readings = recording.stream("dut").columns
+    sensed = {
+        axis: next((name for name in _thermometers(record.sensor, axis) if name in readings), "")
+        for axis in "xyz"
+    }
+    if not {"temperature", *wanted.values()} <= set(columns) or not all(sensed.values()):
+        raise CalibrationError(
+            "The record's table of nodes is not whole, or the recording has no temperature to look it up by.",
+            where=f"recording {recording.recording_id}, record {record.title}",
+            fault=Fault.DATA,
+            remedy="take a recording with the column 'temp', or a record without temperature.",
+        )
+    nodes = np.array(columns["temperature"].values)
+    sigma = np.zeros_like(output)
+    for place, axis in enumerate("xyz"):
+        weights = hat_weights(nodes, np.asarray(readings[sensed[axis]], dtype=np.float64))
+        for power, word in zip((2, 1, 0), POWER_WORDS, strict=True):
+            column = columns[wanted[axis, word]]
+            at_nodes = np.array(column.values) * derived_unit(column.unit).factor
+            sigma[:, place] += weights @ at_nodes * output[:, place] ** power
+    return sigma
+
+
+def _thermometers(sensor: str, axis: str) -> tuple[str, ...]:
+    """Columns that tell a sensor's temperature, the nearest one first."""
+    return f"temp_{sensor}_{axis}", f"temp_{sensor}", "temp"
 
 
 def _refuse_other_measure(record: CalibrationRecord, recording: Recording, stream: Stream, unit: str) -> None:

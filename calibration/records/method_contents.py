@@ -22,7 +22,7 @@ from calibration.algorithms.sinusoidal_overload import OverloadResult
 from calibration.algorithms.temperature_compensation import POWER_WORDS, TemperatureModel
 from calibration.algorithms.uncertainty_budget import BudgetRow, UncertaintyBudget
 from calibration.records.making import RecordContent, covariance_block, coverage_factor, triad_quantities
-from calibration.records.record import COVERAGE_PROBABILITY
+from calibration.records.record import COVERAGE_PROBABILITY, LINEAR_TRIAD_TEMPERATURE
 from calibration.records.record_parts import (
     CalibratedQuantity,
     Interval,
@@ -308,7 +308,7 @@ def temperature_content(model: TemperatureModel) -> RecordContent:
     return RecordContent(
         method="temperature_compensation",
         model=Model(
-            name="linear_triad_temperature",
+            name=LINEAR_TRIAD_TEMPERATURE,
             equation="u = inv(M) (y - sigma(y, T) - b); sigma = square y^2 + slope y + constant, "
             "straight between nodes",
         ),

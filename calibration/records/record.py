@@ -48,6 +48,8 @@ COVERAGE_PROBABILITY = 0.9545
 """What k = 2 covers of a normal distribution."""
 LINEAR_TRIAD = "linear_triad"
 """Model: y = M u + b, compensated by u = inv(M) (y - b)."""
+LINEAR_TRIAD_TEMPERATURE = "linear_triad_temperature"
+"""Model: the same at room temperature, and a table `nodes` of what is added at others (paper 2)."""
 _VARIANCE_TOLERANCE = 1e-6
 
 

@@ -20,6 +20,7 @@ from calibration.records.record import parse_record
 from calibration.records.record_parts import (
     CodeVersion,
     Interval,
+    Model,
     RecordedBudget,
     RecordedBudgetRow,
     RecordTable,
@@ -187,6 +188,7 @@ def test_beyond_its_temperature_and_in_saturation_it_says_so() -> None:
         ({"sensor": "mag"}, {}, "The recording has no mag_x"),
         ({"sensor": "gyro"}, {}, "do not measure the same"),
         ({"bias_unit": "rad/s"}, {}, "do not measure the same"),
+        ({"model": Model(name="bias")}, {}, "of the model 'bias' cannot be applied"),
     ],
 )
 def test_what_does_not_belong_together_is_refused(record, changes, words) -> None:

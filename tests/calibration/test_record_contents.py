@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -30,12 +31,11 @@ from calibration.records.method_contents import (
 from calibration.records.record import CalibrationRecord, parse_record
 from calibration.records.record_parts import CodeVersion, SourceRecording, TemperatureSpan
 from protocol.errors import CalibrationError
-from protocol.recordings import Recording
-from tests.calibration.calibration_records import unit_recording
+from protocol.recordings import Recording, Stream
 from tests.calibration.test_magnetometer import COMPENSATION, HARD_IRON, _turned
 from tests.calibration.test_rate_gyro import FIT, METER, PAPER_RUNS, TABLE
 from tests.calibration.test_sinusoidal_overload import KNOWN, TRUTH, G, in_g, pulses_of, sinusoid
-from tests.calibration.test_temperature_compensation import NODES, POSES, ROOM, ROOM_C, VECTORS, run
+from tests.calibration.test_temperature_compensation import NODES, POSES, ROOM, ROOM_C, VECTORS, emulated, run
 
 RECORDING = Recording("r-1", {"serial": "U-1", "product": "any"}, {"profile": "any"}, {})
 
@@ -134,9 +134,18 @@ def test_paper_2s_nodes() -> None:
     np.testing.assert_allclose(np.array(at_hot) * [G, 1, 1 / G], VECTORS["coef_abc_fit_on_N"][0], atol=6e-10)
     assert table["square_x"].unit == "1/(m/s^2)"
     assert record.valid_temperature == TemperatureSpan(low_c=-40.0, high_c=70.0)
-    unit = {"serial": "U-1", "product": "any"}
-    with pytest.raises(CalibrationError, match="'linear_triad_temperature' cannot be applied"):
-        apply_record(record, unit_recording(np.zeros((3, 3)), [25.0] * 3, unit=unit))
+    # the oracle's reading at the oracle's temperature, and one whose temperature is missing
+    output = emulated(np.array([VECTORS["test_E"]] * 2), [VECTORS["T"]] * 2)
+    columns = {"t": np.arange(2.0), "temp": np.array([VECTORS["T"], np.nan])}
+    columns |= {f"acc_{axis}": output[:, k] for k, axis in enumerate("xyz")}
+    units = {"t": "s", "temp": "degC"} | {f"acc_{axis}": "m/s^2" for axis in "xyz"}
+    recording = replace(RECORDING, streams={"dut": Stream("dut", "dut", "t", units, columns)})
+    found = apply_record(record, recording).recording.stream("dut").si("acc_x", "acc_y", "acc_z")
+    np.testing.assert_allclose(found[0] / G, VECTORS["E_out_fit_on_N"], atol=1e-9)
+    assert np.isnan(found[1]).all()
+    del columns["temp"]
+    with pytest.raises(CalibrationError, match="no temperature to look it up by"):
+        apply_record(record, replace(RECORDING, streams={"dut": Stream("dut", "dut", "t", units, columns)}))
 
 
 def test_the_example_in_the_documentation_is_a_record() -> None:
