@@ -35,6 +35,7 @@ from dut_emulator.effects.dynamics import Bandwidth, FixedDelay
 from dut_emulator.effects.effect import EffectChain, FloatArray, Stimulus
 from dut_emulator.products.fog.population import COUNT_RAD_S, PRODUCT_NAME
 from dut_emulator.products.product import chain_effects
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 from protocol.fog import (
@@ -106,8 +107,8 @@ class FogSensor:
         chained = (effect for effect in effects if not isinstance(effect, FixedDelay | Bandwidth))
         self._gyro = EffectChain(chained)
         self._thermal = EffectChain(chain_effects(twin, stand_effects, "temperature"))
-        self._gyro_memory = self._gyro.begin(_child(seed, _GYRO))
-        self._thermal_memory = self._thermal.begin(_child(seed, _TEMPERATURE))
+        self._gyro_memory = self._gyro.begin(child_seed(seed, _GYRO))
+        self._thermal_memory = self._thermal.begin(child_seed(seed, _TEMPERATURE))
 
     def lag_s(self, frame_rate_hz: float, temperature_c: FloatArray) -> FloatArray:
         """(n,) the pure lag; none at all for a twin without one."""
@@ -208,7 +209,3 @@ def check_effects(twin: Twin) -> None:
                 fault=Fault.DATA,
                 remedy="leave it out: a FOG has the sensors gyro and temperature.",
             )
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, purpose))

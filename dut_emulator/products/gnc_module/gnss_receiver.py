@@ -23,6 +23,7 @@ from dut_emulator.motion.satellite_profiles import MAX_SATELLITES, SatelliteSign
 from dut_emulator.products.gnc_module.gnss_solution import NO_FIX, Geometry, Tracking, geometry_of
 from dut_emulator.products.gnc_module.unit_truth import GnssTruth
 from dut_emulator.products.product import chain_effects
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 
 FloatArray = NDArray[np.float64]
@@ -76,9 +77,9 @@ class GnssReceiver:
         effects = chain_effects(twin, stand_effects, "gnss")
         steady = tuple(effect for effect in effects if not isinstance(effect, StochasticEffect))
         self._chains = EffectChain(effects), EffectChain(steady)
-        self._memories = tuple(chain.begin(_child(seed, _CHAIN)) for chain in self._chains)
-        self._rng = np.random.Generator(np.random.SFC64(_child(seed, _OWN)))
-        start = np.random.Generator(np.random.SFC64(_child(seed, _START)))
+        self._memories = tuple(chain.begin(child_seed(seed, _CHAIN)) for chain in self._chains)
+        self._rng = np.random.Generator(np.random.SFC64(child_seed(seed, _OWN)))
+        start = np.random.Generator(np.random.SFC64(child_seed(seed, _START)))
         self._search_s = start.uniform(*_SEARCH_S, MAX_SATELLITES)
         self._frame_offset_s = float(start.uniform(0.0, 30.0))
         self._tracking: Tracking | None = None
@@ -195,7 +196,3 @@ def _with_antenna(stimulus: Stimulus) -> Stimulus:
         position_m=np.zeros((n, 3)) if stimulus.position_m is None else stimulus.position_m,
         dcm_local_from_body=np.tile(np.eye(3), (n, 1, 1)) if attitude is None else attitude,
     )
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, purpose))

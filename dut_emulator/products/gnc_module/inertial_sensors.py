@@ -30,6 +30,7 @@ from dut_emulator.products.gnc_module.unit_twin import (
     without_crystal,
 )
 from dut_emulator.products.product import chain_effects
+from dut_emulator.seeds import child_seed
 from protocol.gnc_module import SUPPLY_CURRENT_NOMINAL_A, TEMPERATURE_LSB_C, SampleStatus
 
 SUPPLY_NOMINAL_V = 5.0
@@ -105,7 +106,7 @@ class InertialSensors:
         self._unit = unit if isinstance(unit, SensorUnit) else sensor_unit(unit)
         self._power_on_s = power_on_s
         twin = self._unit.twin
-        turn_on = np.random.Generator(np.random.SFC64(_child(seed, _TURN_ON)))
+        turn_on = np.random.Generator(np.random.SFC64(child_seed(seed, _TURN_ON)))
 
         def effects(sensor: SensorName) -> tuple[CatalogueEffect, ...]:
             return without_crystal(chain_effects(twin, stand_effects, sensor), twin)
@@ -114,11 +115,11 @@ class InertialSensors:
         acc = with_turn_on(effects("acc"), "acc", self._unit.acc_turn_on_si, turn_on)
         self._gyro, self._acc = EffectChain(gyro), EffectChain(acc)
         self._mag, self._probe = EffectChain(effects("mag")), EffectChain(effects("temperature"))
-        self._gyro_memory = self._gyro.begin(_child(seed, _GYRO))
-        self._acc_memory = self._acc.begin(_child(seed, _ACC))
-        self._mag_memory = self._mag.begin(_child(seed, _MAG))
-        self._ad_memory = self._mag.begin(_child(seed, _AD))
-        self._probe_memory = self._probe.begin(_child(seed, _TEMPERATURE))
+        self._gyro_memory = self._gyro.begin(child_seed(seed, _GYRO))
+        self._acc_memory = self._acc.begin(child_seed(seed, _ACC))
+        self._mag_memory = self._mag.begin(child_seed(seed, _MAG))
+        self._ad_memory = self._mag.begin(child_seed(seed, _AD))
+        self._probe_memory = self._probe.begin(child_seed(seed, _TEMPERATURE))
 
     def temperature_c(
         self, surrounding_c: NDArray[np.float64], times_s: NDArray[np.float64]
@@ -204,7 +205,3 @@ def _counts(values: NDArray[np.float64], quantum_si: float, limit: int) -> Integ
     """Whole quanta inside the range; 0 for what is lost."""
     counts = np.clip(np.rint(values / quantum_si), -limit, limit)
     return np.nan_to_num(counts, copy=False, nan=0.0).astype(np.int32)
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, purpose))

@@ -32,6 +32,7 @@ from dut_emulator.products.product import (
     UnitStreams,
     sample_times_s,
 )
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 from protocol.gnc_module import ACC_LSB_G, GYRO_LSB_DEG_S, MAG_LSB_GAUSS, TEMPERATURE_LSB_C
 
@@ -115,14 +116,14 @@ class _Streams:
         self._clock = 1.0 + crystal_error(unit.twin)
         made_of = sensor_unit_of_serial(unit.twin, unit.serial, GYRO_TURN_ON_SI, ACC_TURN_ON_SI)
         self._sensors = InertialSensors(
-            made_of, _child(unit.seed, _NOISE), unit.power_on_s, unit.stand_effects
+            made_of, child_seed(unit.seed, _NOISE), unit.power_on_s, unit.stand_effects
         )
         self._receiver: GnssReceiver | None = None
         if unit.run.stimulus(np.zeros(1)).position_m is not None:
             self._receiver = GnssReceiver(
                 receiver_of_serial(unit.serial),
                 unit.twin,
-                _child(unit.seed, _RECEIVER),
+                child_seed(unit.seed, _RECEIVER),
                 unit.power_on_s,
                 unit.run,
                 unit.stand_effects,
@@ -191,10 +192,6 @@ def _fix_columns(fixes: Fixes, clock: float) -> dict[str, NDArray[Any]]:
     ):
         columns |= {f"{name}_{axis}": values[:, number] for number, axis in enumerate(_LOCAL)}
     return columns | {"position_dop": fixes.position_dop, "pulse_error": fixes.pulse_error_s * 1e6}
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, purpose))
 
 
 PRODUCT: Product = GncModuleProduct()

@@ -13,7 +13,6 @@ Sampling is at the rate of the stream: there is no faster rate inside that would
 import dataclasses
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +40,7 @@ from dut_emulator.products.mems_ahrs.unit_effects import (
     GYRO_RANGE_RAD_S,
     TURN_ON_DEVIATION,
 )
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 from protocol.mems_ahrs import CALIBRATED_RANGE_C, SUPPLY_NOMINAL_V, Component, SampleFlag, Sensor
@@ -146,7 +146,7 @@ class Ahrs:
         if self._delay_s:
             effects = tuple(effect for effect in effects if not isinstance(effect, FixedDelay))
         seeds = {
-            name: _child(seed, number)
+            name: child_seed(seed, number)
             for number, name in enumerate((*SENSORS, "turn_on", "link", "thermometers"))
         }
         turn_on = np.random.Generator(np.random.SFC64(seeds["turn_on"]))
@@ -159,7 +159,7 @@ class Ahrs:
             self._links[sensor] = EffectChain(effect for effect in own if effect.stage >= Stage.TRANSPORT)
         self._memories = {sensor: self._chains[sensor].begin(seeds[sensor]) for sensor in SENSORS}
         self._link_memories: dict[str, ChainState] = {
-            sensor: self._links[sensor].begin(_child(seeds["link"], number))
+            sensor: self._links[sensor].begin(child_seed(seeds["link"], number))
             for number, sensor in enumerate(SENSORS)
         }
         self._thermometers = np.random.Generator(np.random.SFC64(seeds["thermometers"]))
@@ -268,8 +268,3 @@ def check_twin(twin: Twin) -> None:
 
 def _refused(what: str, remedy: str) -> TestloomError:
     return TestloomError(what, where="twin of a mems_ahrs", fault=Fault.DATA, remedy=remedy)
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    key: tuple[Any, ...] = (*seed.spawn_key, purpose)
-    return np.random.SeedSequence(seed.entropy, spawn_key=key)

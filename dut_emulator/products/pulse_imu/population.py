@@ -34,6 +34,7 @@ from dut_emulator.effects.thermal import ScaleFactorTemperature
 from dut_emulator.lot import LotDraw, Spread
 from dut_emulator.lot_defects import LotDefect, with_defects
 from dut_emulator.products.pulse_imu.scale import ACC_RANGE_G, GYRO_RANGE_DEG_S
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 from protocol.units_of_measure import factor_to_si
 
@@ -66,8 +67,8 @@ def with_turn_on(
     for effect in effects:
         if isinstance(effect, Bias):
             acc = effect.sensor == "acc"
-            key = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, 2, int(acc)))
-            steps = np.random.Generator(np.random.PCG64(key)).standard_normal(3)
+            own = child_seed(seed, 2, int(acc))
+            steps = np.random.Generator(np.random.PCG64(own)).standard_normal(3)
             shift = steps * (TURN_ON_ACC_SI if acc else TURN_ON_GYRO_SI)
             x, y, z = (float(value) for value in np.asarray(effect.bias_si) + shift)
             effect = dataclasses.replace(effect, bias_si=(x, y, z))

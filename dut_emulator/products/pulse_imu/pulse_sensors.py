@@ -22,6 +22,7 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import ChainState, EffectChain, FloatArray, Stimulus
 from dut_emulator.products.pulse_imu.half_waves import half_wave_integrals
 from dut_emulator.products.pulse_imu.scale import PULSES_PER_SI, TRIADS
+from dut_emulator.seeds import child_seed
 
 PANELS = 2
 """Of a sample period."""
@@ -75,10 +76,7 @@ class PulseSensors:
         self._random = {
             triad: EffectChain(effect for effect in effects[triad] if effect.stochastic) for triad in TRIADS
         }
-        seeds = {
-            triad: np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number))
-            for number, triad in enumerate(TRIADS)
-        }
+        seeds = {triad: child_seed(seed, number) for number, triad in enumerate(TRIADS)}
         self._certain_memory = {triad: self._certain[triad].begin(seeds[triad]) for triad in TRIADS}
         self._random_memory = {triad: self._random[triad].begin(seeds[triad]) for triad in TRIADS}
         self._periods = 0

@@ -16,6 +16,7 @@ from dut_emulator.effects.deterministic import Bias
 from dut_emulator.effects.effect import EffectChain, FloatArray, Stimulus, name_of
 from dut_emulator.products.product import chain_effects
 from dut_emulator.products.rate_gyro_triad.population import SENSITIVITY_V_PER_RAD_S, TURN_ON_RAD_S
+from dut_emulator.seeds import child_seed
 from dut_emulator.twin import Twin
 from protocol.errors import Fault, TestloomError
 
@@ -43,11 +44,11 @@ class AnalogueGyros:
         refuse_impossible(twin)
         self._power_on_s = power_on_s
         effects = chain_effects(twin, stand_effects, "gyro")
-        turn_on = np.random.Generator(np.random.SFC64(_child(seed, _TURN_ON)))
+        turn_on = np.random.Generator(np.random.SFC64(child_seed(seed, _TURN_ON)))
         self._gyro = EffectChain(_with_turn_on(effect, turn_on) for effect in effects)
         self._temperature = EffectChain(chain_effects(twin, stand_effects, "temperature"))
-        self._gyro_memory = self._gyro.begin(_child(seed, _GYRO))
-        self._temperature_memory = self._temperature.begin(_child(seed, _TEMPERATURE))
+        self._gyro_memory = self._gyro.begin(child_seed(seed, _GYRO))
+        self._temperature_memory = self._temperature.begin(child_seed(seed, _TEMPERATURE))
 
     def sample(
         self, times_s: FloatArray, period_s: float, acting: Stimulus, supply_v: float
@@ -89,7 +90,3 @@ def _with_turn_on(effect: CatalogueEffect, rng: np.random.Generator) -> Catalogu
     part = TURN_ON_RAD_S * rng.standard_normal(3)
     x, y, z = (bias + float(drawn) for bias, drawn in zip(effect.bias_si, part, strict=True))
     return dataclasses.replace(effect, bias_si=(x, y, z))
-
-
-def _child(seed: np.random.SeedSequence, purpose: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, purpose))
