@@ -36,7 +36,7 @@ from dut_emulator.products.product import (
 )
 from dut_emulator.recording.order import FIRST_MOUNT, RecordingOrder, check_order
 from dut_emulator.stands.catalogue import recording_stand
-from dut_emulator.stands.recording_stand import RecordingStand
+from dut_emulator.stands.recording_stand import CarriesUnitsInSeveralWays, RecordingStand
 from dut_emulator.twin import Twin, twin_text
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
@@ -84,7 +84,7 @@ class RecordingSession:
         self._defects = () if order.twin is not None else product.defects(order.seed, order.serial)
         self.unit = UnitOnStand(
             twin=twin,
-            stand_effects=_effects_of_mount(stand, order, mounting.stand),
+            stand_effects=_effects_of_mount(stand, order, mounting.stand, values),
             run=stand.run(order.profile, values),
             rate_hz=mounting.rate_hz,
             seed=draw.seed_for(_RUN_NOISE, order.run, *f"{order.profile}/{order.mount}".encode()),
@@ -277,15 +277,18 @@ def _empty_stream(name: str, clock: str, units: Mapping[str, str], types: Mappin
     return Stream(name, clock, "t", dict(units), columns)
 
 
-def _effects_of_mount(stand: RecordingStand, order: RecordingOrder, kind: str) -> tuple[CatalogueEffect, ...]:
+def _effects_of_mount(
+    stand: RecordingStand, order: RecordingOrder, kind: str, values: Mapping[str, float]
+) -> tuple[CatalogueEffect, ...]:
     """The stand's effects; what mounting a unit changes is drawn anew for every mount but the first."""
+    own = stand.effects_of(values) if isinstance(stand, CarriesUnitsInSeveralWays) else stand.effects
     if order.mount == FIRST_MOUNT:
-        return stand.effects
+        return own
     seed = zlib.crc32(f"{order.stand_seed}/{order.mount}".encode())
     remounted = recording_stand(kind, seed, order.site).effects
     return tuple(
         another if effect.word == _MOUNTING_EFFECT else effect
-        for effect, another in zip(stand.effects, remounted, strict=True)
+        for effect, another in zip(own, remounted, strict=True)
     )
 
 

@@ -3,7 +3,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.interfaces import StandModel, Surroundings, TriggerLine
@@ -44,6 +44,15 @@ class RecordingStand(Protocol):
             TestloomError: beyond the stand's limits (rate, acceleration, travel, temperature); says which
                 limit, by how much, and what would fit. Nothing has moved.
         """
+        ...
+
+
+@runtime_checkable
+class CarriesUnitsInSeveralWays(Protocol):
+    """A stand whose axes have other names when a profile's values mount a unit in another way."""
+
+    def effects_of(self, values: Mapping[str, float]) -> tuple[CatalogueEffect, ...]:
+        """Its `effects` when a unit is mounted like this: the same list, the same errors."""
         ...
 
 

@@ -23,7 +23,8 @@ from dut_emulator.motion.run import EventStream
 from dut_emulator.motion.schedule import Drives, Schedule
 from dut_emulator.motion.turntable_schedules import schedule_of
 from dut_emulator.stands.recording_stand import StandIdentity, beyond_limit
-from dut_emulator.stands.turntable_errors import ARC_SECOND_RAD, TurntableSpec, calibration_due, drawn_effects
+from dut_emulator.stands.stand_draws import calibration_due
+from dut_emulator.stands.turntable_errors import ARC_SECOND_RAD, TurntableSpec, drawn_effects
 from protocol.bench_description import Site
 from protocol.units_of_measure import factor_to_si
 
@@ -127,7 +128,7 @@ class RecordingTurntable:
     """A turntable of a kind, with errors of its own. See `RecordingStand`."""
 
     def __init__(self, kind: TurntableKind, seed: int, site: Site) -> None:
-        self._kind, self._site = kind, site
+        self._kind, self._seed, self._site = kind, seed, site
         self._identity = StandIdentity(kind.name, f"{kind.prefix}-{seed}", calibration_due(kind.name, seed))
         self._effects = drawn_effects(kind.name, seed, kind.spec, kind.drives)
 
@@ -141,6 +142,13 @@ class RecordingTurntable:
         """Its own errors."""
         return self._effects
 
+    def effects_of(self, values: Mapping[str, float]) -> tuple[CatalogueEffect, ...]:
+        """Its own errors with a unit mounted as the values say: they follow the axis that turns then."""
+        drives = self._drives_of(values)
+        if drives is self._kind.drives:
+            return self._effects
+        return drawn_effects(self._kind.name, self._seed, self._kind.spec, drives)
+
     def run(self, profile: str, values: Mapping[str, float]) -> TurntableRun:
         """One run of a profile. Raises as `RecordingStand`."""
         schedule, air, drives = self._planned(profile, values)
@@ -153,7 +161,7 @@ class RecordingTurntable:
         return TurntableRun(self._site, schedule, air, rate_hz)
 
     def _planned(self, profile: str, values: Mapping[str, float]) -> tuple[Schedule, AirPath, Drives]:
-        drives = self._kind.mounts.get(round(values.get("mount", 1.0)), self._kind.drives)
+        drives = self._drives_of(values)
         if profile in {kind.name for kind in turntable_profiles.KINDS}:
             return schedule_of(profile, values, drives), AirPath.steady(ROOM_C), drives
         if profile not in {kind.name for kind in chamber_profiles.KINDS}:
@@ -164,6 +172,9 @@ class RecordingTurntable:
         schedule, air = chamber_profiles.chamber_schedule(profile, values, drives, axis)
         self._check_air(air, self._kind.chamber)
         return schedule, air, drives
+
+    def _drives_of(self, values: Mapping[str, float]) -> Drives:
+        return self._kind.mounts.get(round(values.get("mount", 1.0)), self._kind.drives)
 
     def _check_air(self, air: AirPath, limits: ChamberLimits) -> None:
         low_c, high_c = air.range_c

@@ -15,7 +15,8 @@ from dut_emulator.effects.effect import EffectChain, Stimulus, name_of
 from dut_emulator.effects.parameters import check_ranges
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.run import Run
-from dut_emulator.recording.order import STARTED_AT
+from dut_emulator.recording.order import STARTED_AT, RecordingOrder
+from dut_emulator.recording.recorder import RecordingSession
 from dut_emulator.stands.catalogue import recording_stand
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
@@ -284,3 +285,17 @@ def test_a_stand_knows_who_it_is_and_until_when_it_is_calibrated() -> None:
     dues = [date.fromisoformat(stand.calibration_due) for stand in stands]
     started = datetime.fromisoformat(STARTED_AT).date()
     assert all(timedelta(days=365) <= due - started < timedelta(days=731) for due in dues)
+
+
+@pytest.mark.parametrize(("mount", "turning"), [(1.0, "inner"), (2.0, "middle"), (3.0, "middle")])
+def test_the_errors_of_a_chamber_axis_follow_the_axis_that_turns(mount: float, turning: str) -> None:
+    session = RecordingSession(RecordingOrder("mems_ahrs", "thermal_positions", values={"mount": mount}))
+    moving = session.unit.run.stimulus(np.linspace(0.0, session.duration_s, 10_000)).channel("angles_rad")
+    turned = {
+        name for name, angle in zip(("outer", "middle", "inner"), moving.T, strict=True) if np.ptp(angle)
+    }
+    assert turned == {turning}
+    about = {effect.axis for effect in session.unit.stand_effects if hasattr(effect, "axis")}
+    assert about == {turning}
+    names = [(effect.sensor, name_of(effect)) for effect in session.unit.stand_effects]
+    assert names == [(effect.sensor, name_of(effect)) for effect in session.stand.effects]
