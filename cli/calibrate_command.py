@@ -20,7 +20,7 @@ from calibration.evaluation import Evaluation
 from calibration.published import ComparedReference, Comparison, compare_with_published
 from calibration.recorded import Source, evaluate, together
 from calibration.records.record import CalibrationRecord
-from cli.calibration_record_commands import EXIT_REFUSED, add_record_commands, keep_records
+from cli.calibration_record_commands import EXIT_REFUSED, Keeping, add_record_commands, keep_records
 from cli.help_pages import Command, Group
 from cli.uncertain_numbers import gum
 from protocol.adapters.recording_forms import read_recording
@@ -94,13 +94,17 @@ def calibrate(
             help=say("Where the records hold, °C; else the temperatures that the unit had."),
         ),
     ] = None,
+    plan: Annotated[
+        str | None, typer.Option("--plan", help=say("The plan it was recorded by: a file, or one of ours."))
+    ] = None,
 ) -> None:
     _refuse_crossed(valid_temperature_c)
+    keeping = None if record is None else Keeping(record, valid_temperature_c, plan)
     sources, results = _read_all(folders)
     for group in together(sources):
         names = ", ".join(source.recording.recording_id for source in group)
         try:
-            results.append(_evaluated(names, group, record, valid_temperature_c))
+            results.append(_evaluated(names, group, keeping))
         except TestloomError as error:
             results.append(_Result(names, error=error))
     if as_json:
@@ -117,13 +121,8 @@ def calibrate(
 add_record_commands(app)
 
 
-def _evaluated(
-    names: str,
-    group: tuple[_Located, ...],
-    folder: Path | None,
-    valid_temperature_c: tuple[float, float] | None,
-) -> _Result:
-    if folder is None:
+def _evaluated(names: str, group: tuple[_Located, ...], keeping: Keeping | None) -> _Result:
+    if keeping is None:
         evaluation, kept = evaluate(group), ()
     else:
         language = chosen_language()
@@ -131,7 +130,7 @@ def _evaluated(
         try:
             evaluation = evaluate(group)
             read_from = [(source.recording, source.path) for source in group]
-            kept = tuple(keep_records(evaluation, read_from, folder, valid_temperature_c))
+            kept = tuple(keep_records(evaluation, read_from, keeping))
         finally:
             choose_language(language)
     reference = compare_with_published(evaluation, group[0].recording, group[0].folder)

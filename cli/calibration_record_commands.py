@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from calibration.records.comparing import RecordComparison
     from calibration.records.history import QuantityHistory
     from calibration.records.record import CalibrationRecord
+    from protocol.plans import PlanReference
     from protocol.recordings import Recording
 
 EXIT_REFUSED = 1
@@ -155,35 +156,64 @@ def history(
         raise typer.Exit(EXIT_REFUSED)
 
 
+@dataclass(frozen=True)
+class Keeping:
+    """How records are kept.
+
+    Attributes:
+        folder: made if it is not there.
+        valid_temperature_c: lowest and highest; None: what the unit had while it was measured.
+        plan: a file or the name of one of ours; None: recorded by none.
+    """
+
+    folder: Path
+    valid_temperature_c: tuple[float, float] | None = None
+    plan: str | None = None
+
+
 def keep_records(
-    evaluation: "Evaluation",
-    sources: "Sequence[tuple[Recording, Path]]",
-    folder: Path,
-    valid_temperature_c: tuple[float, float] | None,
+    evaluation: "Evaluation", sources: "Sequence[tuple[Recording, Path]]", keeping: Keeping
 ) -> list[tuple["CalibrationRecord", Path]]:
-    """Write the records of an evaluation into a folder; what was written.
+    """Write the records of an evaluation; what was written.
 
     Args:
         evaluation: with its sentences in English.
         sources: its recordings, and where they were read from.
-        folder: made if it is not there.
-        valid_temperature_c: lowest and highest; None: what the unit had while it was measured.
+        keeping: where and with what.
     """
     from calibration.records.making import Origin, records_of
     from calibration.records.record_parts import TemperatureSpan
     from cli.calibration_record_files import code_version, now, source_of, write_record
 
     span = None
-    if valid_temperature_c is not None:
-        span = TemperatureSpan(low_c=valid_temperature_c[0], high_c=valid_temperature_c[1])
+    if keeping.valid_temperature_c is not None:
+        low_c, high_c = keeping.valid_temperature_c
+        span = TemperatureSpan(low_c=low_c, high_c=high_c)
     origin = Origin(
         recordings=tuple(source_of(recording.recording_id, path) for recording, path in sources),
         code=code_version(),
         created_at=now(),
+        plan=None if keeping.plan is None else _plan(keeping.plan, evaluation.product),
         valid_temperature=span,
     )
     made = records_of(evaluation, [recording for recording, _ in sources], origin)
-    return [(record, write_record(record, folder)) for record in made]
+    return [(record, write_record(record, keeping.folder)) for record in made]
+
+
+def _plan(named: str, product: str) -> "PlanReference":
+    from protocol.errors import Fault, PlanError
+    from stations.sequencing.step_registry import bundled_plans, load_plan
+
+    bundled = bundled_plans()
+    plan = bundled[named] if named in bundled else load_plan(Path(named))
+    if plan.product != product:
+        raise PlanError(
+            f"The plan is of the product '{plan.product}', the recording of '{product}'.",
+            where=named,
+            fault=Fault.OPERATOR,
+            remedy="name the plan that it was recorded by.",
+        )
+    return plan.reference()
 
 
 def _warnings(record: "CalibrationRecord", done: "Compensation") -> list[str]:

@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.temperature_compensation import POWER_WORDS, hat_weights
 from calibration.records.derived_units import derived_unit
-from calibration.records.making import TRIAD_NAMES, temperature_columns
+from calibration.records.making import MARK, TRIAD_NAMES, marks, temperature_columns
 from calibration.records.record import LINEAR_TRIAD, LINEAR_TRIAD_TEMPERATURE, CalibrationRecord
 from calibration.sensor_knowledge import axes, sensor_range
 from protocol.errors import CalibrationError, Fault
 from protocol.recordings import Recording, Stream
 from protocol.units_of_measure import factor_to_si, quantity_of
 
-MARK = "compensated"
-"""Key of a recording that lists what its samples were compensated by."""
 TEMPERATURE_MARGIN_C = 1.0
 """So far beyond its valid range a record is still taken to hold."""
 SUFFIX = "compensated"
@@ -92,12 +90,10 @@ def apply_record(record: CalibrationRecord, recording: Recording) -> Compensatio
         believed[record.sensor] = known
     compensated = replace(
         recording,
-        recording_id=f"{recording.recording_id}-{SUFFIX}"
-        if not _marks(recording)
-        else recording.recording_id,
+        recording_id=f"{recording.recording_id}-{SUFFIX}" if not marks(recording) else recording.recording_id,
         streams={**recording.streams, "dut": replace(stream, columns=columns)},
         believed=believed,
-        extra={**recording.extra, MARK: [*_marks(recording), entry]},
+        extra={**recording.extra, MARK: [*marks(recording), entry]},
     )
     return Compensation(compensated, len(stream), beyond, saturated)
 
@@ -115,7 +111,7 @@ def _refuse_other_unit(record: CalibrationRecord, recording: Recording) -> None:
                 fault=Fault.OPERATOR,
                 remedy="take the record of this unit.",
             )
-    for mark in _marks(recording):
+    for mark in marks(recording):
         if mark.get("sensor") == record.sensor:
             raise CalibrationError(
                 f"The recording's {record.sensor} is compensated already, "
@@ -124,18 +120,6 @@ def _refuse_other_unit(record: CalibrationRecord, recording: Recording) -> None:
                 fault=Fault.OPERATOR,
                 remedy=f"apply the record to the recording as it was taken, {mark.get('recording_id')}.",
             )
-
-
-def _marks(recording: Recording) -> list[Mapping[str, Any]]:
-    marks = recording.extra.get(MARK, [])
-    if isinstance(marks, list) and all(isinstance(mark, Mapping) for mark in cast(list[object], marks)):
-        return cast(list[Mapping[str, Any]], marks)
-    raise CalibrationError(
-        f"The recording's key '{MARK}' is not a list of what it was compensated by.",
-        where=f"recording {recording.recording_id}",
-        fault=Fault.DATA,
-        remedy="take the recording as it was taken.",
-    )
 
 
 def _coefficients(record: CalibrationRecord) -> tuple[FloatArray, FloatArray, str]:

@@ -4,10 +4,10 @@
 What is not in the data (the recordings' hashes, the code's version, the time, the plan) is handed in.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import date, datetime
-from typing import Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydantic import ValidationError
@@ -36,6 +36,8 @@ from protocol.frozen_model import first_problem
 from protocol.plans import PlanReference
 from protocol.recordings import Recording
 
+MARK = "compensated"
+"""Key of a recording that lists what its samples were compensated by."""
 BIAS_ONLY = "bias"
 TRIAD_EQUATION = "y = M u + b; u = inv(M) (y - b)"
 TRIAD_NAMES = (
@@ -128,6 +130,7 @@ def record_of(
                 fault=Fault.DATA,
                 remedy=f"write unit.{name} into recording.json.",
             )
+    _refuse_compensated(sensor, recordings)
     unit_temperature = _temperatures(recordings, "dut")
     try:
         return CalibrationRecord(
@@ -159,6 +162,36 @@ def record_of(
             fault=Fault.DATA,
             remedy="correct what recording.json says of unit and site.",
         ) from None
+
+
+def marks(recording: Recording) -> list[Mapping[str, Any]]:
+    """What a recording was compensated by, one entry for each sensor.
+
+    Raises:
+        CalibrationError: its key is not such a list.
+    """
+    found = recording.extra.get(MARK, [])
+    if isinstance(found, list) and all(isinstance(mark, Mapping) for mark in cast(list[object], found)):
+        return cast(list[Mapping[str, Any]], found)
+    raise CalibrationError(
+        f"The recording's key '{MARK}' is not a list of what it was compensated by.",
+        where=f"recording {recording.recording_id}",
+        fault=Fault.DATA,
+        remedy="take the recording as it was taken.",
+    )
+
+
+def _refuse_compensated(sensor: str, recordings: Sequence[Recording]) -> None:
+    """What is left after a compensation would be applied to recordings that have none."""
+    for recording in recordings:
+        if any(mark.get("sensor") == sensor for mark in marks(recording)):
+            raise CalibrationError(
+                f"The recording's {sensor} is compensated: a record of it would say what remains, "
+                "not what the unit has.",
+                where=f"recording {recording.recording_id}",
+                fault=Fault.OPERATOR,
+                remedy="calibrate without --record to see what remains, or the recording as it was taken.",
+            )
 
 
 def _contents(evaluation: Evaluation) -> Iterator[tuple[str, RecordContent]]:

@@ -21,6 +21,7 @@ from protocol.adapters.mcap_form import write_mcap
 from protocol.adapters.recording_forms import read_recording
 from protocol.folder_form import write_folder
 from protocol.language import choose_language
+from stations.sequencing.step_registry import bundled_plans
 from tests.calibration.calibration_records import quantity, record_of, triad_record, unit_recording
 from tests.calibration.conftest import SyntheticImu
 from tests.calibration.test_calibrate_command import station_recording
@@ -69,11 +70,27 @@ def test_recordings_become_records_that_compensate_them(tmp_path: Path, capsys) 
     assert main(["calibrate", "apply", acc["path"], str(once), "--out", str(once)]) == 1
     assert "something of this name" in capsys.readouterr().err
 
+    # what is compensated makes no record: it would be applied to what is not
+    assert main(["calibrate", str(twice), "--record", str(tmp_path / "left")]) == 1
+    assert "would say what remains" in capsys.readouterr().err
+    assert not (tmp_path / "left").exists()
+
     # compensated, the session calibrates to the identity
     assert main(["calibrate", str(twice), "--json"]) == 0
     (again,) = json.loads(capsys.readouterr().out)["results"]
     np.testing.assert_allclose(again["acc"]["matrix"], np.eye(3), atol=1e-9)
     np.testing.assert_allclose(again["gyro"]["bias"], 0, atol=1e-9)
+
+
+def test_the_plan_is_named_with_its_hash(tmp_path: Path, capsys) -> None:
+    write_mcap(station_recording(*SyntheticImu().session(33)), tmp_path / "s.mcap")
+    words = ["calibrate", str(tmp_path / "s.mcap"), "--record", str(tmp_path / "r"), "--json", "--plan"]
+    assert main([*words, "imu_calibration"]) == 0
+    path = json.loads(capsys.readouterr().out)["results"][0]["records"][0]["path"]
+    plan = bundled_plans()["imu_calibration"]
+    assert json.loads(Path(path).read_bytes())["plan"] == plan.reference().model_dump()
+    assert main([*words, str(tmp_path / "none.yaml")]) == 1
+    assert "The plan cannot be read" in capsys.readouterr().out
 
 
 def test_a_folders_hash_is_what_sha256sum_prints(tmp_path: Path, capsys) -> None:
