@@ -174,10 +174,10 @@ class _EveryEffect:
         ]
 
     def run(self) -> None:
-        stimuli = [replace(chunk) for chunk in self._chunks]  # nothing that an earlier round has worked out
-        for number, (sensor, chain) in enumerate(zip(TRIADS, self._chains, strict=True)):
-            memory = chain.begin(np.random.SeedSequence(number))
-            for stimulus in stimuli:
+        memories = [chain.begin(np.random.SeedSequence(number)) for number, chain in enumerate(self._chains)]
+        for chunk in self._chunks:
+            stimulus = replace(chunk)  # nothing that an earlier round has worked out
+            for sensor, chain, memory in zip(TRIADS, self._chains, memories, strict=True):
                 chain.apply(stimulus.true_input(sensor), stimulus, memory)
 
 

@@ -94,10 +94,17 @@ class LinearEffect(CatalogueEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral:
             return samples
-        out = samples.copy(order="K")
-        for name, regressor in self.regressors(samples, stimulus, state).items():
-            add_contribution(out, np.asarray(getattr(self, name), dtype=np.float64), regressor)
+        out = self.added_up(self.regressors(samples, stimulus, state))
+        out += samples
         return out
+
+    def added_up(self, regressors: dict[str, FloatArray]) -> FloatArray:
+        """(n, 3) Σ a_k X_k with these parameters."""
+        parts = (contribution(np.asarray(getattr(self, name)), x) for name, x in regressors.items())
+        total = next(parts)
+        for part in parts:
+            total += part
+        return total
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """Free scalar → (n, 3)."""
@@ -107,29 +114,35 @@ class LinearEffect(CatalogueEffect):
         for scalar in scalars(self, free_only=True):
             one = np.zeros_like(np.asarray(getattr(self, scalar.field), dtype=np.float64))
             one[scalar.index] = 1.0
-            column = np.zeros_like(samples)
-            add_contribution(column, one, patterns[scalar.field])
-            columns[scalar.name] = column
+            columns[scalar.name] = contribution(one, patterns[scalar.field])
         return columns
 
 
-def add_contribution(out: FloatArray, amplitude: FloatArray, regressor: FloatArray) -> None:
-    """Add amplitude times regressor to `out` (n, 3), by the rules of `LinearEffect.regressors`."""
-    for axis in range(3):
-        out[:, axis] += _on_axis(axis, amplitude, regressor)
+def contribution(amplitude: FloatArray, regressor: FloatArray) -> FloatArray:
+    """(n, 3) amplitude times regressor, by the rules of `LinearEffect.regressors`.
 
-
-def _on_axis(axis: int, amplitude: FloatArray, regressor: FloatArray) -> FloatArray:
-    """(n,) term by term, so that chunks of any length round alike."""
-    column = min(axis, regressor.shape[-1] - 1)
+    Term by term, so that chunks of any length round alike.
+    """
+    product = np.empty((regressor.shape[-2], 3), order="F")
     if regressor.ndim == 2 and amplitude.ndim < 2:
-        return regressor[:, column] * (amplitude[axis] if amplitude.ndim else amplitude)
-    if regressor.ndim == 3:  # components or powers, each with a pattern of its own
-        terms, shares = regressor[:, :, column], amplitude if amplitude.ndim == 1 else amplitude[:, axis]
-    else:
-        terms, shares = regressor.T, amplitude[axis]
-    acting = np.flatnonzero(shares)
-    row = terms[acting[0]] * shares[acting[0]] if len(acting) else np.zeros(terms.shape[1])
-    for index in acting[1:]:
-        row += terms[index] * shares[index]
-    return row
+        return np.multiply(regressor, amplitude, out=product)
+    for axis, row in enumerate(product.T):
+        if regressor.ndim == 3:  # components or powers, each with a pattern of its own
+            terms = regressor[:, :, min(axis, regressor.shape[-1] - 1)]
+            shares = amplitude if amplitude.ndim == 1 else amplitude[:, axis]
+        else:
+            terms, shares = regressor.T, amplitude[axis]
+        _add_up(terms, shares, row)
+    return product
+
+
+def _add_up(terms: FloatArray, shares: FloatArray, row: FloatArray) -> None:
+    """Into `row` (n,) the sum of the terms (k, n), each times its share."""
+    acting = [(term, share) for term, share in zip(terms, shares.tolist(), strict=True) if share]
+    if not acting:
+        row[:] = 0.0
+        return
+    (term, share), *others = acting
+    np.multiply(term, share, out=row)
+    for term, share in others:
+        row += term * share

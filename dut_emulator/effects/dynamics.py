@@ -97,18 +97,21 @@ class TimeShift(CatalogueEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral or len(samples) == 0:
             return samples
-        before, after, share, _ = straddling(samples, stimulus, self._delay_s(stimulus), state)
-        after -= before
-        after *= share
-        after += before
-        return after.T
+        known, left, share, _ = straddling(samples, stimulus, self._delay_s(stimulus), state)
+        out = np.empty(samples.shape, order="F")
+        for row, shifted in zip(known, out.T, strict=True):
+            before = row.take(left)
+            np.subtract(row[1:].take(left), before, out=shifted)
+            shifted *= share
+            shifted += before
+        return out
 
     def basis(self, stimulus: Stimulus) -> dict[str, FloatArray]:
         """−u̇(t − d) D_k."""
         samples = stimulus.true_input(self.sensor)
         delay_s = self._delay_s(stimulus)
-        before, after, _, span = straddling(samples, stimulus, delay_s, EffectState())
-        slope = np.where(delay_s < MAX_DELAY_S, (after - before) / span, 0.0).T
+        known, left, _, span = straddling(samples, stimulus, delay_s, EffectState())
+        slope = np.where(delay_s < MAX_DELAY_S, np.diff(known)[:, left] / span, 0.0).T
         return {
             name: -slope * pattern[:, np.newaxis] for name, pattern in self.delay_patterns(stimulus).items()
         }

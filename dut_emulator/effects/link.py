@@ -78,7 +78,9 @@ class FrameLoss(StochasticEffect):
         """(n, 3) → (n, 3)."""
         if self.is_neutral:
             return samples
-        return np.where(rng.random((len(samples), 1)) < self.probability, np.nan, samples)
+        out = samples.copy(order="K")
+        out[rng.random(len(samples)) < self.probability] = np.nan
+        return out
 
     def guess(self, residual: FloatArray, stimulus: Stimulus) -> "FrameLoss":
         """The share of rows without values."""

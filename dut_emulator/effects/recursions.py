@@ -6,6 +6,7 @@ would have held. A key keeps the recursions of one effect apart.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import EffectState, FloatArray, Stimulus
 from dut_emulator.effects.first_order import first_order
@@ -127,14 +128,14 @@ def _play(inputs: FloatArray, half_width: float, memory: FloatArray) -> tuple[Fl
 
 def straddling(
     values: FloatArray, stimulus: Stimulus, delay_s: FloatArray, state: EffectState
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
     """Where t − d(t) lies among the samples, for delays (n,) up to `MAX_DELAY_S`.
 
     Before the first sample ever its value is held; ahead of the newest one the latest two count.
 
     Returns:
-        the samples before and after it, (m, n) each; which share of the way from one to the other it is
-        (beyond 1 ahead of the newest), and the time between the two, s, (n,) each.
+        the samples that are known, (m, k); which of them is before the instant, (n,) from 0 to k − 2; which
+        share of the way to the next one it is, beyond 1 ahead of the newest, (n,); how long that is, (n,) s.
     """
     period_s = stimulus.sample_period_s
     past, past_time = state.carried.get("past"), state.carried.get("past time")
@@ -155,11 +156,6 @@ def straddling(
         left[astray] = np.clip(found, 0, newest[astray])
         begin, span = instants[left], instants[left + 1] - instants[left]
         share = (wanted - begin) / span
-    after = np.empty(known[:, : len(wanted)].shape)
-    before = np.empty_like(after)
-    for row, sample_before, sample_after in zip(known, before, after, strict=True):
-        row.take(left, out=sample_before, mode="clip")
-        row[1:].take(left, out=sample_after, mode="clip")
     keep = int(np.searchsorted(instants, float(instants[-1]) - MAX_DELAY_S - 2 * period_s))
     state.carried["past"], state.carried["past time"] = known[:, keep:].copy(), instants[keep:].copy()
-    return before, after, share, span
+    return known, left, share, span

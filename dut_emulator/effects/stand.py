@@ -13,7 +13,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dut_emulator.effects.catalogue_effect import LinearEffect, add_contribution
+from dut_emulator.effects.catalogue_effect import LinearEffect
 from dut_emulator.effects.couplings import lever_arm_force, lever_arm_patterns
 from dut_emulator.effects.effect import EffectState, FloatArray, SensorName, Stage, Stimulus
 from dut_emulator.effects.parameters import ZERO, Triple, parameter
@@ -83,10 +83,7 @@ class SmallRotation(LinearEffect):
 
     def rotation(self, stimulus: Stimulus) -> FloatArray:
         """(n, 3) the whole φ."""
-        whole = np.zeros((len(stimulus.time_s), 3), order="F")
-        for name, pattern in self.rotations(stimulus).items():
-            add_contribution(whole, np.asarray(getattr(self, name), dtype=np.float64), pattern)
-        return whole
+        return self.added_up(self.rotations(stimulus))
 
     def regressors(
         self, samples: FloatArray, stimulus: Stimulus, state: EffectState

@@ -9,8 +9,6 @@ kind have the same list of effects, whatever the seed. The Earth's rate is none 
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.dynamics import ChamberLag
 from dut_emulator.effects.effect import SensorName
@@ -28,7 +26,8 @@ from dut_emulator.effects.stand import (
 )
 from dut_emulator.effects.stand_surroundings import ChamberGradient, MotorField
 from dut_emulator.motion.chamber import ROOM_C
-from dut_emulator.motion.schedule import Drives, Triple
+from dut_emulator.motion.schedule import Drives
+from dut_emulator.stands.stand_draws import StandDraws
 from protocol.units_of_measure import factor_to_si
 
 ARC_SECOND_RAD = factor_to_si("arcsec")
@@ -53,41 +52,9 @@ class TurntableSpec:
     chamber_gradient: float = 0.0
 
 
-class _Draws:
-    """Amplitudes by name, each from a generator of its own: a new error leaves the others as they were."""
-
-    def __init__(self, kind: str, seed: int) -> None:
-        self._entropy = (seed % 2**64, *kind.encode())
-
-    def generator(self, name: str) -> np.random.Generator:
-        """For this name."""
-        return np.random.Generator(np.random.PCG64([*self._entropy, *name.encode()]))
-
-    def size(self, name: str, most: float) -> float:
-        """30 to 100 % of the most, without a sign."""
-        return most * float(self.generator(name).uniform(0.3, 1.0))
-
-    def signed(self, name: str, most: float) -> float:
-        """As `size`, of either sign."""
-        return self.size(name, most) * (1.0 if self.generator(f"{name} sign").random() < 0.5 else -1.0)
-
-    def wave(self, name: str, most: float) -> tuple[float, float]:
-        """Cosine and sine amplitude of a wave of any phase."""
-        phase = self.generator(f"{name} phase").uniform(0.0, 2 * np.pi)
-        size = self.size(name, most)
-        return size * float(np.cos(phase)), size * float(np.sin(phase))
-
-    def vector(self, name: str, most: float) -> Triple:
-        """Of any direction in space."""
-        direction = self.generator(f"{name} direction").standard_normal(3)
-        direction *= self.size(name, most) / float(np.linalg.norm(direction))
-        x, y, z = (float(part) for part in direction)
-        return x, y, z
-
-
 def drawn_effects(kind: str, seed: int, spec: TurntableSpec, drives: Drives) -> tuple[CatalogueEffect, ...]:
     """The errors of the stand of this kind and seed, on every triad that they reach."""
-    draws = _Draws(kind, seed)
+    draws = StandDraws(kind, seed)
     driven: list[AxisName] = [name for index, name in enumerate(AXIS_NAMES) if drives.turns(index)]
     worst = driven[int(draws.generator("worst axis").integers(len(driven)))]
     turning = _rotations(draws, spec, drives, worst)
@@ -119,7 +86,7 @@ def drawn_effects(kind: str, seed: int, spec: TurntableSpec, drives: Drives) -> 
 
 
 def _rotations(
-    draws: _Draws, spec: TurntableSpec, drives: Drives, worst: AxisName
+    draws: StandDraws, spec: TurntableSpec, drives: Drives, worst: AxisName
 ) -> list[tuple[CatalogueEffect, ...]]:
     """The small rotations of the body, for each triad the same."""
     nod_cosine = draws.vector("wobble cosine", spec.wobble_rad)
@@ -140,12 +107,3 @@ def _rotations(
             row.append(NonOrthogonality(triad, outer_middle * square[0], middle_inner * square[1]))
         rows.append(tuple(row))
     return rows
-
-
-def calibration_due(kind: str, seed: int) -> str:
-    """ISO date until which the stand's own calibration holds: one to two years after recordings' own date.
-
-    Recordings begin at 2026-01-01 unless told another date: a stand is overdue by choice only.
-    """
-    rng = _Draws(kind, seed).generator("calibration due")
-    return f"2027-{int(rng.integers(1, 13)):02d}-{int(rng.integers(1, 29)):02d}"
