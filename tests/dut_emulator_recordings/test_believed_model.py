@@ -146,7 +146,7 @@ def test_a_link_that_is_late_does_not_smooth_the_noise(product: str, rate_hz: fl
         if any(effect.sensor == sensor for effect in twin.effects):
             late = dataclasses.replace(effect_named("link.fixed_delay", sensor), delay_s=2.5 / rate_hz)
             twin = twin.with_effect(late)
-    density = next(e for e in twin.effects if (e.sensor, e.word) == ("gyro", "white_noise"))
+    density: Any = next(e for e in twin.effects if (e.sensor, e.word) == ("gyro", "white_noise"))
     for profile in ("static", "rate_staircase"):
         recording = recorded(product, profile, twin=twin, seed=3, serial="U-0007")
         dut, stand = (recording.streams[name].columns for name in ("dut", "stand"))
@@ -154,6 +154,18 @@ def test_a_link_that_is_late_does_not_smooth_the_noise(product: str, rate_hz: fl
         rest = (dut["gyro_z"] - shown * recording.believed["gyro"]["matrix"][2][2]) * DEG
         high, _ = densities(rest, 1.0 / rate_hz)
         assert high == pytest.approx(density.density_si_per_sqrt_hz[2], rel=0.05)
+
+
+def test_a_clock_that_drifts_leaves_an_attitude_units_noise_alone() -> None:
+    """20 ppm are 2.4 ms after two minutes: half a period of the samples."""
+    twin = only_sayable("mems_ahrs", "static")
+    for sensor in ("gyro", "acc"):
+        drift = dataclasses.replace(effect_named("link.clock_drift", sensor), relative_rate=20e-6)
+        twin = twin.with_effect(drift)
+    recording = recorded("mems_ahrs", "static", twin=twin, seed=3, serial="U-0007")
+    density: Any = next(e for e in twin.effects if (e.sensor, e.word) == ("gyro", "white_noise"))
+    last = recording.streams["dut"].columns["gyro_x"][-8000:] * DEG
+    assert densities(last, 0.005)[0] == pytest.approx(density.density_si_per_sqrt_hz[0], rel=0.05)
 
 
 def densities(rest: np.ndarray, period_s: float) -> tuple[float, float]:

@@ -4,13 +4,14 @@
 The same for a unit that is recorded and for one that answers on its link. Heat first: the ambient warms the
 network of the housing, the areas' temperatures act on the triads. Then each triad's effects, in two parts: up
 to the quantiser they are the sensor's, which the firmware corrects and integrates; those of the transport act
-on what is sent, on the attitude too, so that a unit that is late is late in all it says. A fixed delay that
-both triads share moves the instants at which samples are taken, and so leaves their noise as it is.
+on what is sent, on the attitude too, so that a unit that is late is late in all it says. A delay or a
+drift that both triads share moves the instants at which samples are taken and leaves their noise as it is.
 
 Sampling is at the rate of the stream: there is no faster rate inside that would be decimated.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.deterministic import Bias
-from dut_emulator.effects.dynamics import FixedDelay, TimeShift
+from dut_emulator.effects.dynamics import TimeShift
 from dut_emulator.effects.effect import (
     ChainState,
     EffectChain,
@@ -142,9 +143,9 @@ class Ahrs:
         power_on_s: float,
     ) -> None:
         effects = tuple(effects)
-        self._delay_s = _common_delay_s(effects)
-        if self._delay_s:
-            effects = tuple(effect for effect in effects if not isinstance(effect, FixedDelay))
+        self._late = _common_shifts(effects)
+        names = {name_of(effect) for effect in self._late}
+        effects = tuple(effect for effect in effects if name_of(effect) not in names)
         seeds = {
             name: child_seed(seed, number)
             for number, name in enumerate((*SENSORS, "turn_on", "link", "thermometers"))
@@ -175,13 +176,23 @@ class Ahrs:
         self._attitude = AttitudeFilter(period_s, gates(compensated=compensated))
         self._shift_states = [EffectState() for _ in self._shifts]
 
+    def _taken_s(self, times_s: FloatArray) -> FloatArray:
+        """(n,) when the samples that are sent at these instants were taken."""
+        at = Stimulus(times_s, np.zeros_like(times_s), math.nan, power_on_s=self._power_on_s)
+        delays = (
+            getattr(shift, name) * pattern
+            for shift in self._late
+            for name, pattern in shift.delay_patterns(at).items()
+        )
+        return times_s - sum(delays, np.zeros_like(times_s))
+
     def sample(
         self, surrounding: Acting, times_s: FloatArray, period_s: float, *, compensated: bool
     ) -> AhrsSamples:
         """Samples sent at `times_s`, spaced by `period_s`; `begin_stream` comes first."""
         assert self._attitude is not None
         count = len(times_s)
-        acting = dataclasses.replace(surrounding(times_s - self._delay_s), time_s=times_s)
+        acting = dataclasses.replace(surrounding(self._taken_s(times_s)), time_s=times_s)
         nodes = self._housing.advance(acting, period_s)
         areas_c = nodes[:, [cooling.GYRO_AREA, cooling.ACC_AREA]]
         stimulus = dataclasses.replace(
@@ -219,11 +230,14 @@ class Ahrs:
         )
 
 
-def _common_delay_s(effects: Iterable[CatalogueEffect]) -> float:
-    """Of the link, if both triads have the same; else 0, and each has its own on what is sent."""
-    found = {effect.sensor: effect.delay_s for effect in effects if isinstance(effect, FixedDelay)}
-    delays = {found.get(sensor, 0.0) for sensor in SENSORS}
-    return delays.pop() if len(delays) == 1 else 0.0
+def _common_shifts(effects: Iterable[CatalogueEffect]) -> tuple[TimeShift, ...]:
+    """The gyros' shifts of time that the accelerometers have too; any others act on what is sent."""
+    shifts = [effect for effect in effects if isinstance(effect, TimeShift)]
+    return tuple(
+        shift
+        for shift in shifts
+        if shift.sensor == "gyro" and dataclasses.replace(shift, sensor="acc") in shifts
+    )
 
 
 def _thermal_flags(nodes_c: FloatArray) -> NDArray[np.int64]:
