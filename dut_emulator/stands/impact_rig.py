@@ -29,6 +29,7 @@ from dut_emulator.motion.impact_profile import (
 from dut_emulator.motion.run import EventStream
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
 from dut_emulator.stands.recording_stand import LiveStand, StandIdentity, beyond_limit
+from dut_emulator.stands.stand_draws import StandDraws, calibration_due, cut_normal
 from protocol.bench_description import Site
 from protocol.impact_rig import stamp_of
 
@@ -36,7 +37,6 @@ FloatArray = NDArray[np.float64]
 
 KIND = "impact_rig"
 PROFILE = "impact"
-CALIBRATION_DUE = "2026-12-31"
 
 PEAK_RATE_DEG_S = (1.0, 100.0)
 """TL: what the slider's spring can give."""
@@ -56,8 +56,6 @@ REST_BEFORE_S = 0.1
 MOUNTING_SPREAD_RAD = 3e-4
 TEMPERATURE_RATE_HZ = 10.0
 
-_CHARACTER, _RUN = range(2)
-
 
 @dataclass(frozen=True)
 class RigCharacter:
@@ -70,22 +68,21 @@ class RigCharacter:
 
 def draw_character(seed: int) -> RigCharacter:
     """The rig of this seed."""
-    rng = _generator(seed, _CHARACTER)
+    draws = StandDraws(KIND, seed)
     response = TableResponse(
-        decay_s=0.2 * float(np.exp(0.1 * _cut(rng))),
-        dry_rate_rad_s=math.radians(2.0 * float(np.exp(0.1 * _cut(rng)))),
-        ringing=0.15 * float(np.exp(0.1 * _cut(rng))),
-        ringing_rad_s=2 * math.pi * 180.0 * float(np.exp(0.05 * _cut(rng))),
+        decay_s=0.2 * math.exp(draws.normal("decay", 0.1)),
+        dry_rate_rad_s=math.radians(2.0 * math.exp(draws.normal("dry rate", 0.1))),
+        ringing=0.15 * math.exp(draws.normal("ringing", 0.1)),
+        ringing_rad_s=2 * math.pi * 180.0 * math.exp(draws.normal("ringing frequency", 0.05)),
     )
-    latency_s = float(rng.uniform(*TRIGGER_LATENCY_S))
-    x, y, z = (MOUNTING_SPREAD_RAD * _cut(rng) for _ in range(3))
-    return RigCharacter(response, latency_s, (x, y, z))
+    latency_s = float(draws.generator("trigger latency").uniform(*TRIGGER_LATENCY_S))
+    return RigCharacter(response, latency_s, draws.triple("remount", MOUNTING_SPREAD_RAD))
 
 
 def strike(peak_rate_deg_s: float, shots: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Jumps (rad/s) and the contact's jitter (s) of so many strikes, each (shots,)."""
-    jumps = math.radians(peak_rate_deg_s) * (1.0 + STRIKE_SPREAD * _cuts(rng, shots))
-    return jumps, TRIGGER_JITTER_S * _cuts(rng, shots)
+    jumps = math.radians(peak_rate_deg_s) * (1.0 + STRIKE_SPREAD * cut_normal(rng, shots))
+    return jumps, TRIGGER_JITTER_S * cut_normal(rng, shots)
 
 
 def scattered_release_s(shots: int, rng: np.random.Generator) -> FloatArray:
@@ -95,7 +92,7 @@ def scattered_release_s(shots: int, rng: np.random.Generator) -> FloatArray:
 
 def programmed_error_s(shots: int, rng: np.random.Generator) -> FloatArray:
     """(shots,) how far programmed impacts miss their instants."""
-    return PROGRAMMED_ERROR_S * _cuts(rng, shots)
+    return PROGRAMMED_ERROR_S * cut_normal(rng, shots)
 
 
 def rig_effects(character: RigCharacter) -> tuple[CatalogueEffect, ...]:
@@ -203,7 +200,7 @@ class ImpactRig:
     @property
     def identity(self) -> StandIdentity:
         """Which rig it is."""
-        return StandIdentity(KIND, f"IR-{self._seed:04d}", CALIBRATION_DUE)
+        return StandIdentity(KIND, f"IR-{self._seed:04d}", calibration_due(KIND, self._seed))
 
     @property
     def effects(self) -> tuple[CatalogueEffect, ...]:
@@ -213,7 +210,7 @@ class ImpactRig:
     def run(self, profile: str, values: Mapping[str, float]) -> ImpactRun:
         """Impacts with these values. Raises as `RecordingStand.run`."""
         shots = self._checked(profile, values)
-        rng = _generator(self._seed, _RUN)
+        rng = run_generator(self._seed)
         spacing_s = values["spacing_s"]
         jumps, jitter_s = strike(values["peak_rate_deg_s"], shots, rng)
         slots_s = np.arange(shots) * spacing_s
@@ -268,23 +265,9 @@ def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
     from dut_emulator.stands.impact_rig_port import ImpactRigPort, LiveImpactRig
 
     rig = LiveImpactRig(seed, site)
-    return LiveStand(ImpactRigPort(rig, identity), rig)
+    return LiveStand(ImpactRigPort(rig, identity, calibration_due(KIND, seed)), rig)
 
 
-def live_generator(seed: int) -> np.random.Generator:
-    """What a rig on a bench draws its strikes from: as the recorded runs do."""
-    return _generator(seed, _RUN)
-
-
-def _generator(seed: int, purpose: int) -> np.random.Generator:
-    key = (*KIND.encode(), purpose)
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed % 2**64, spawn_key=key)))
-
-
-def _cuts(rng: np.random.Generator, count: int) -> FloatArray:
-    """(count,) standard normal, cut at three."""
-    return np.clip(rng.standard_normal(count), -3.0, 3.0)
-
-
-def _cut(rng: np.random.Generator) -> float:
-    return float(_cuts(rng, 1)[0])
+def run_generator(seed: int) -> np.random.Generator:
+    """What the rig of this seed draws its strikes from, in a recording and on a bench."""
+    return StandDraws(KIND, seed).generator("run")

@@ -102,7 +102,7 @@ class LiveImpactRig:
     def __init__(self, seed: int, site: Site) -> None:
         self._character = rig_model.draw_character(seed)
         self._table = rig_model.TableSurroundings(site)
-        self._rng = rig_model.live_generator(seed)
+        self._rng = rig_model.run_generator(seed)
         self._impacts = Impacts(np.empty(0), np.empty(0), self._character.response)
         self._triggers_s = np.empty(0)
         self._armed_s = np.empty(0)
@@ -226,8 +226,8 @@ class ImpactRigPort(CommandPort):
         "LIM?": (0,),
     }
 
-    def __init__(self, rig: LiveImpactRig, identity: str) -> None:
-        super().__init__(f"Testloom,IR1,{identity},1.0", rig_model.CALIBRATION_DUE, rig.stream)
+    def __init__(self, rig: LiveImpactRig, identity: str, calibration_due: str) -> None:
+        super().__init__(f"Testloom,IR1,{identity},1.0", calibration_due, rig.stream)
         self._rig = rig
 
     def _answer(self, word: str, arguments: list[str], now_s: float) -> str:

@@ -9,11 +9,11 @@ outer one at the heading. The motor is far away and shielded: what of its field 
 
 from dut_emulator.motion.schedule import Drives
 from dut_emulator.stands.recording_stand import LiveStand
+from dut_emulator.stands.stand_draws import calibration_due
 from dut_emulator.stands.turntable_commands import TurntablePort
 from dut_emulator.stands.turntable_errors import (
     ARC_SECOND_RAD,
     TurntableSpec,
-    calibration_due,
     drawn_effects,
 )
 from dut_emulator.stands.turntable_model import EncoderErrors, TurntableModel

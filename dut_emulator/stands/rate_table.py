@@ -16,6 +16,7 @@ from dut_emulator.motion import rate_table_profile as profiles
 from dut_emulator.motion.run import EventStream
 from dut_emulator.stands.rate_table_commands import RateTablePort
 from dut_emulator.stands.rate_table_model import (
+    KIND,
     MAX_ACCELERATION_DEG_S2,
     MAX_RATE_DEG_S,
     MIN_RATE_DEG_S,
@@ -26,12 +27,11 @@ from dut_emulator.stands.rate_table_model import (
     drawn_errors,
 )
 from dut_emulator.stands.recording_stand import LiveStand, StandIdentity, beyond_limit
+from dut_emulator.stands.stand_draws import calibration_due
 from protocol.bench_description import Site
 from protocol.units_of_measure import factor_to_si
 
-KIND = "rate_table"
 READING_RATE_HZ = 50.0
-CALIBRATION_DUE = "2027-03-31"
 
 _READING = (("rate", "deg/s", "xyz"), ("acc", "g", "xyz"), ("angle", "deg", ("outer", "middle", "inner")))
 
@@ -99,7 +99,7 @@ class RateTable:
     def __init__(self, seed: int, site: Site) -> None:
         self._place = TablePlace(site)
         self._effects = drawn_errors(seed)
-        self._identity = StandIdentity(KIND, f"rt-{seed}", CALIBRATION_DUE)
+        self._identity = StandIdentity(KIND, f"rt-{seed}", calibration_due(KIND, seed))
 
     @property
     def identity(self) -> StandIdentity:
@@ -134,7 +134,8 @@ def recording_stand(seed: int, site: Site) -> RateTable:
 def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
     """The same table behind its command port."""
     table = RateTableModel(site, seed)
-    return LiveStand(RateTablePort(table, f"Testloom,RT1,{identity},1.0", CALIBRATION_DUE), table)
+    port = RateTablePort(table, f"Testloom,RT1,{identity},1.0", calibration_due(KIND, seed))
+    return LiveStand(port, table)
 
 
 def _check(values: Mapping[str, float]) -> None:

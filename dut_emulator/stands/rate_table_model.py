@@ -32,12 +32,14 @@ from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.axis_motion import AxisMotion, Trapezoid
 from dut_emulator.motion.rate_table_profile import POSE_DEG, RateAxis, pose_rad, tilt
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
+from dut_emulator.stands.stand_draws import StandDraws
 from protocol.bench_description import Site
 from protocol.units_of_measure import factor_to_si
 
 DEG = factor_to_si("deg")
 ARC_SECOND = factor_to_si("arcsec")
 
+KIND = "rate_table"
 MIN_RATE_DEG_S, MAX_RATE_DEG_S = 5.0, 1450.0
 RATE_ACCURACY = 1e-4
 """Relative; bounds of a uniform distribution (paper 4)."""
@@ -55,27 +57,24 @@ ERR_BUSY, ERR_NO_REFERENCE, ERR_LIMIT, ERR_DOOR_OPEN, ERR_NO_MARK, ERR_ARGUMENT,
 FAULTS = ("none", "door_open", "lost_reference", "rate_not_reached")
 
 _REST_TOLERANCE_S = 1e-9
-_PURPOSE = 4_001
 _TRIADS: tuple[SensorName, ...] = ("gyro", "acc", "mag")
 
 
 def drawn_errors(seed: int) -> tuple[CatalogueEffect, ...]:
     """The table's own errors: the same seed is the same table."""
-    rng = np.random.Generator(np.random.PCG64([seed % 2**64, _PURPOSE]))
-    share = float(rng.uniform(-RATE_ACCURACY, RATE_ACCURACY))
-    ripple, wobble = 2e-5 * rng.standard_normal(2), 2.0 * ARC_SECOND * rng.standard_normal((2, 3))
-    x, y, z = (float(angle) for angle in 3e-4 * rng.standard_normal(3))
-    tilts = 20.0 * ARC_SECOND * rng.standard_normal(2)
-    cosine, sine = ((float(row[0]), float(row[1]), float(row[2])) for row in wobble)
-    of_rate = (
-        RateScaleFactor("gyro", share),
-        RateRipple("gyro", float(ripple[0]), float(ripple[1]), axis="outer"),
-    )
+    draws = StandDraws(KIND, seed)
+    share = float(draws.generator("rate").uniform(-RATE_ACCURACY, RATE_ACCURACY))
+    ripple = draws.normal("ripple cosine", 2e-5), draws.normal("ripple sine", 2e-5)
+    cosine = draws.triple("wobble cosine", 2.0 * ARC_SECOND)
+    sine = draws.triple("wobble sine", 2.0 * ARC_SECOND)
+    tilts = draws.normal("outer middle", 20.0 * ARC_SECOND), draws.normal("middle inner", 20.0 * ARC_SECOND)
+    mounted = draws.triple("remount", 3e-4)
+    of_rate = (RateScaleFactor("gyro", share), RateRipple("gyro", *ripple, axis="outer"))
     of_axes = (
         (
             Wobble(sensor, cosine, sine, axis="outer"),
-            NonOrthogonality(sensor, float(tilts[0]), float(tilts[1])),
-            RemountMisalignment(sensor, (x, y, z)),
+            NonOrthogonality(sensor, *tilts),
+            RemountMisalignment(sensor, mounted),
         )
         for sensor in _TRIADS
     )

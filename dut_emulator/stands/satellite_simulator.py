@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.lot import LotDraw, Spread
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.run import EventStream
 from dut_emulator.motion.satellite_profiles import (
@@ -38,12 +37,12 @@ from dut_emulator.motion.satellite_profiles import (
 )
 from dut_emulator.stands.level_board import LevelBoard
 from dut_emulator.stands.recording_stand import LiveStand, RecordingStand, StandIdentity, beyond_limit
+from dut_emulator.stands.stand_draws import StandDraws, calibration_due
 from protocol.bench_description import Site
 
 FloatArray = NDArray[np.float64]
 
 KIND = "satellite_simulator"
-CALIBRATION_DUE = "2027-03-31"
 READING_RATE_HZ = 10.0
 READING_UNITS = {
     **{f"position_{axis}": "m" for axis in ("east", "north", "up")},
@@ -54,7 +53,7 @@ POWER_LIMITS_DBM = (-165.0, -115.0)
 SPEED_LIMIT_M_S, ACCELERATION_LIMIT_M_S2 = 300.0, 50.0
 UNLOCKED_RATE = 1e-7
 """By which the time runs away without its reference: a quartz's tolerance."""
-_POWER_ERROR_DB, _PULSE_ERROR_S = Spread(unit=0.3), Spread(unit=2e-9)
+_POWER_ERROR_DB, _PULSE_ERROR_S = 0.3, 2e-9
 MAX_CHANGES = 4096
 """Of a live simulator, remembered; units ask about the last moments only."""
 
@@ -69,9 +68,9 @@ class Errors:
     @staticmethod
     def drawn(seed: int) -> "Errors":
         """By the simulator's seed."""
-        draw = LotDraw(seed, KIND)
-        power = [draw.normal(f"power_{number}", 0.0, _POWER_ERROR_DB) for number in range(MAX_SATELLITES)]
-        return Errors(np.array(power), draw.normal("pulse", 0.0, _PULSE_ERROR_S))
+        draws = StandDraws(KIND, seed)
+        power = [draws.normal(f"power {number}", _POWER_ERROR_DB) for number in range(MAX_SATELLITES)]
+        return Errors(np.array(power), draws.normal("pulse", _PULSE_ERROR_S))
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,8 @@ def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
     from dut_emulator.stands.satellite_simulator_port import SatelliteSimulatorPort
 
     model = LiveSatelliteSimulator(Errors.drawn(seed), site)
-    return LiveStand(SatelliteSimulatorPort(model, f"Testloom,GS1,{identity},1.0"), model, model)
+    port = SatelliteSimulatorPort(model, f"Testloom,GS1,{identity},1.0", calibration_due(KIND, seed))
+    return LiveStand(port, model, model)
 
 
 class SatelliteSimulator:
@@ -124,7 +124,7 @@ class SatelliteSimulator:
     effects: tuple[CatalogueEffect, ...] = ()
 
     def __init__(self, seed: int, site: Site) -> None:
-        self.identity = StandIdentity(KIND, f"gs-{seed}", CALIBRATION_DUE)
+        self.identity = StandIdentity(KIND, f"gs-{seed}", calibration_due(KIND, seed))
         self._errors, self._site = Errors.drawn(seed), site
 
     def run(self, profile: str, values: Mapping[str, float]) -> "SatelliteRun":

@@ -43,7 +43,6 @@ from dut_emulator.stands.command_port import (
 )
 from dut_emulator.stands.satellite_simulator import (
     ACCELERATION_LIMIT_M_S2,
-    CALIBRATION_DUE,
     POWER_LIMITS_DBM,
     SPEED_LIMIT_M_S,
     LiveSatelliteSimulator,
@@ -76,9 +75,9 @@ class SatelliteSimulatorPort(CommandPort):
         "LIM?": (0,),
     }
 
-    def __init__(self, model: LiveSatelliteSimulator, identification: str) -> None:
+    def __init__(self, model: LiveSatelliteSimulator, identification: str, calibration_due: str) -> None:
         stream = SampleStream(self._rows, STREAM_COLUMNS, MAX_STREAM_RATE_HZ)
-        super().__init__(identification, CALIBRATION_DUE, stream)
+        super().__init__(identification, calibration_due, stream)
         self._model = model
 
     def _answer(self, word: str, arguments: list[str], now_s: float) -> str:

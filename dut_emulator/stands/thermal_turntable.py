@@ -17,11 +17,11 @@ from dut_emulator.interfaces import StandRefusal
 from dut_emulator.motion.chamber import ROOM_C, AirPath
 from dut_emulator.motion.schedule import Drives
 from dut_emulator.stands.recording_stand import LiveStand
+from dut_emulator.stands.stand_draws import calibration_due
 from dut_emulator.stands.turntable_commands import TurntablePort
 from dut_emulator.stands.turntable_errors import (
     ARC_SECOND_RAD,
     TurntableSpec,
-    calibration_due,
     drawn_effects,
 )
 from dut_emulator.stands.turntable_model import (

@@ -7,8 +7,9 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.motion.schedule import Drives, Triple
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
 from dut_emulator.stands.recording_stand import LiveStand
+from dut_emulator.stands.stand_draws import calibration_due
 from dut_emulator.stands.turntable_commands import TurntablePort
-from dut_emulator.stands.turntable_errors import TurntableSpec, calibration_due, drawn_effects
+from dut_emulator.stands.turntable_errors import TurntableSpec, drawn_effects
 from dut_emulator.stands.turntable_model import (
     ERR_ARGUMENT,
     ERR_BUSY,

@@ -7,11 +7,11 @@ One mount must reach all six positions, so the outer of its two axes is horizont
 
 from dut_emulator.motion.schedule import Drives
 from dut_emulator.stands.recording_stand import LiveStand
+from dut_emulator.stands.stand_draws import calibration_due
 from dut_emulator.stands.turntable_commands import TurntablePort
 from dut_emulator.stands.turntable_errors import (
     ARC_SECOND_RAD,
     TurntableSpec,
-    calibration_due,
     drawn_effects,
 )
 from dut_emulator.stands.turntable_model import EncoderErrors, TurntableModel

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import SensorName, Stimulus
-from dut_emulator.effects.parameters import Triple
 from dut_emulator.effects.stand import LeverArm, RemountMisalignment
 from dut_emulator.motion.course import PHASES, Course, Phase
 from dut_emulator.motion.flight import flight
@@ -31,6 +30,7 @@ from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.run import EventStream
 from dut_emulator.motion.vehicle_run import drive
 from dut_emulator.stands.recording_stand import LiveStand, StandIdentity, beyond_limit
+from dut_emulator.stands.stand_draws import StandDraws, calibration_due
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
 from protocol.units_of_measure import STANDARD_GRAVITY_M_S2
@@ -39,7 +39,6 @@ FloatArray = NDArray[np.float64]
 
 KIND = "vehicle_run_stand"
 READING_RATE_HZ = 100.0
-CALIBRATION_DUE = "2027-06-30"
 COURSES: dict[str, Callable[[Mapping[str, float], Site, int], Course]] = {
     "vehicle_run": drive,
     "flight": flight,
@@ -94,7 +93,7 @@ class Reference:
     """The reference on board. `seed`: of its errors."""
 
     def __init__(self, seed: int) -> None:
-        self._wander = Wander(9, np.random.Generator(np.random.SFC64(np.random.SeedSequence([seed, 0x2EF]))))
+        self._wander = Wander(9, StandDraws(KIND, seed).generator("reference"))
 
     def rows(self, course: Course, times_s: FloatArray) -> FloatArray:
         """(n, 16): what it says, in the order and the units of `READING_UNITS`."""
@@ -166,13 +165,13 @@ class VehicleRunStand:
 
     def __init__(self, seed: int, site: Site) -> None:
         self.seed, self._site = seed, site
-        self.identity = StandIdentity(KIND, f"VR-{seed:04d}", CALIBRATION_DUE)
+        self.identity = StandIdentity(KIND, f"VR-{seed:04d}", calibration_due(KIND, seed))
 
     @cached_property
     def effects(self) -> tuple[CatalogueEffect, ...]:
         """The plate's: the same small rotation for every triad, and the place of the accelerometers."""
-        rng = np.random.Generator(np.random.SFC64(np.random.SeedSequence([self.seed, 0x91A])))
-        turned, moved = _drawn(rng, _PLATE_ANGLE_RAD), _drawn(rng, _PLATE_PLACE_M)
+        draws = StandDraws(KIND, self.seed)
+        turned, moved = draws.triple("remount", _PLATE_ANGLE_RAD), draws.triple("lever arm", _PLATE_PLACE_M)
         triads: tuple[SensorName, ...] = ("gyro", "acc", "mag")
         return (*(RemountMisalignment(triad, turned) for triad in triads), LeverArm("acc", moved))
 
@@ -245,8 +244,3 @@ def _refuse(identity: StandIdentity, what: str, value: float, limit: float, unit
     if value > limit:
         text = f"The {what} of {value:.4g} {unit} is above the limit of {limit:g} {unit}."
         raise beyond_limit(identity.stand_id, text, f"ask for {remedy} of at most {limit:g} {unit}.")
-
-
-def _drawn(rng: np.random.Generator, deviation: float) -> Triple:
-    x, y, z = (float(value) for value in np.clip(rng.standard_normal(3), -3.0, 3.0) * deviation)
-    return x, y, z

@@ -125,7 +125,7 @@ def test_a_session_at_the_command_port() -> None:
     port = live_stand(1, SITE, "RT-7").port
     assert port.command("*IDN?", 0.0).split(",")[2] == "RT-7"
     assert port.command("LIM?", 0.0) == "5,1450,200"
-    assert port.command("CAL?", 0.0) == "2027-03-31"
+    assert port.command("CAL?", 0.0) == recording_stand(1, SITE).identity.calibration_due
     assert port.command("RATE 100", 0.0).startswith("ERR 11 ")
     assert port.command("STAT?", 0.0).startswith("NOREF,")
     answer = port.command("HOME", 0.0)

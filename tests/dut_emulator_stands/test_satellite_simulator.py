@@ -104,7 +104,7 @@ def test_a_scenario_is_loaded_played_and_stopped(stand: LiveStand) -> None:
     ask = stand.port.command
     assert ask("*IDN?", 0.0) == "Testloom,GS1,GS-07,1.0"
     assert ask("LIM?", 0.0) == "-165,-115,16,300,50"
-    assert ask("CAL?", 0.0) == "2027-03-31"
+    assert ask("CAL?", 0.0) == recording_stand("satellite_simulator", 1, SITE).identity.calibration_due
     assert ask("STAR", 0.0).startswith("ERR 16 ")
     assert ask("SCEN satellite_trajectory,rest_s=5,speed_m_s=10", 0.0).startswith("OK ")
     assert np.isneginf(powers(stand, 0.5)).all()

@@ -235,7 +235,8 @@ def port_at_speed(overload_g: float = 10.0) -> tuple[OverloadPort, float]:
 def test_a_live_run_from_rest_to_rest() -> None:
     port = new_port()
     assert port.command("*IDN?", 0.0) == "Testloom,SOR,R-1,1.0"
-    assert port.command("CAL?", 0.0) == "2027-06-30"
+    due = recording_stand("sinusoidal_overload_rig", 1, SITE).identity.calibration_due
+    assert port.command("CAL?", 0.0) == due
     assert port.command("LIM?", 0.0) == "1,12,0.15,33,2000"
     assert port.command("AXIS 3", 0.0) == "OK"
     ready_s = float(port.command("RUN 10", 0.0).removeprefix("OK "))
@@ -245,7 +246,7 @@ def test_a_live_run_from_rest_to_rest() -> None:
     times_s = np.linspace(0.0, ready_s + 1.0, 200_001)
     force = port.rig.stimulus(times_s).channel("specific_force_m_s2")
     half = times_s > ready_s
-    assert np.abs(force[half, 2]).max() == pytest.approx(10 * G, rel=1e-3)
+    assert np.abs(force[half, 2]).max() == pytest.approx(10 * G, rel=2e-3)  # this rig is 2.4 % out of balance
     slide = port.rig.slide(times_s)
     speed = np.diff(slide.velocity_m_s) / np.diff(times_s)
     way = np.diff(slide.position_m) / np.diff(times_s)
@@ -273,7 +274,7 @@ def test_half_cycles_as_the_grating_measures_them() -> None:
     assert {first[0], second[0]} == {"1", "-1"}
     duration, change, squared = (float(figure) for figure in first[1:])
     assert duration == pytest.approx(case["T_s"] / 2, rel=5e-4)
-    assert change == pytest.approx(case["dV_gs"] * G, rel=5e-4)
+    assert change == pytest.approx(case["dV_gs"] * G, rel=1e-3)  # an imbalance of 2 % moves the speed
     assert squared == pytest.approx(case["S_g2s"] * G**2, rel=1e-3)
 
 

@@ -91,7 +91,7 @@ def test_the_port_starts_reports_and_stops() -> None:
     port = live.port
     assert port.command("*IDN?", 0.0).startswith("Testloom,VRS,")
     assert port.command("LIM?", 0.0) == "40,6,5,90,60,1.9"
-    assert port.command("CAL?", 0.0) == "2027-06-30"
+    assert port.command("CAL?", 0.0) == recording_stand("vehicle_run_stand", 5, SITE).identity.calibration_due
     assert port.command("STAT?", 0.0).startswith("READY,rest,0.0")
     assert port.command("START flight,bank_deg=70", 1.0).startswith("ERR 12 The bank of 70 deg")
     assert port.command("START flight,bank=70", 1.0).startswith("ERR 15")

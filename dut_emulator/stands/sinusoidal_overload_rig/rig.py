@@ -16,8 +16,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import SensorName
 from dut_emulator.effects.parameters import ZERO, Triple
@@ -28,11 +26,11 @@ from dut_emulator.stands.recording_stand import StandIdentity, beyond_limit
 from dut_emulator.stands.sinusoidal_overload_rig.carriage import Carriage, Grating
 from dut_emulator.stands.sinusoidal_overload_rig.drive import Drive, DriveFigures, drive_figures
 from dut_emulator.stands.sinusoidal_overload_rig.overload_run import OverloadRun
+from dut_emulator.stands.stand_draws import StandDraws
 from protocol.bench_description import Site
 from protocol.units_of_measure import STANDARD_GRAVITY_M_S2
 
 KIND = "sinusoidal_overload_rig"
-CALIBRATION_DUE = "2027-06-30"
 _ARC_SECOND_RAD = math.radians(1.0 / 3600.0)
 _TRIADS: tuple[SensorName, ...] = ("gyro", "acc")
 
@@ -61,17 +59,14 @@ class RigErrors:
     @staticmethod
     def drawn(seed: int) -> "RigErrors":
         """Of the rig of this seed: 10 µm of radius, 10 ppm of speed, 5 ppm of length, 2 % of balance."""
-        rng = np.random.Generator(np.random.PCG64([seed % 2**64, 5]))
-        radius, speed, length, balance = rng.standard_normal(4) * (7e-5, 1e-5, 5e-6, 0.02)
-        guide = rng.standard_normal(3) * 3.0 * _ARC_SECOND_RAD
-        mount = rng.standard_normal(3) * 1e-4
+        draws = StandDraws(KIND, seed)
         return RigErrors(
-            float(radius),
-            float(speed),
-            float(balance),
-            Grating(float(length)),
-            _triple(guide),
-            _triple(mount),
+            draws.normal("radius", 7e-5),
+            draws.normal("speed", 1e-5),
+            draws.normal("balance", 0.02),
+            Grating(draws.normal("length", 5e-6)),
+            draws.triple("guide", 3.0 * _ARC_SECOND_RAD),
+            draws.triple("remount", 1e-4),
         )
 
     @property
@@ -96,11 +91,12 @@ class SinusoidalOverloadRig:
     drive: Drive = field(default_factory=Drive)
     limits: RigLimits = field(default_factory=RigLimits)
     stand_id: str = "overload-rig"
+    calibration_due: str = "2027-06-30"
 
     @property
     def identity(self) -> StandIdentity:
         """Which rig it is."""
-        return StandIdentity(KIND, self.stand_id, CALIBRATION_DUE)
+        return StandIdentity(KIND, self.stand_id, self.calibration_due)
 
     @property
     def effects(self) -> tuple[CatalogueEffect, ...]:
@@ -174,8 +170,3 @@ class SinusoidalOverloadRig:
         """Energy and power of a mean speed."""
         flywheel = self.drive.flywheel(crank, payload_kg, counter_share)
         return drive_figures(self.drive, flywheel, speed_rad_s, self.site.gravity_m_s2)
-
-
-def _triple(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Triple:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
