@@ -10,6 +10,7 @@ import structlog
 
 from dut_emulator.instruments.pulse_counter import PulseCounter
 from dut_emulator.instruments.serial_multimeter import SerialMultimeter
+from dut_emulator.products.catalogue import make_unit
 from dut_emulator.server.bench_kinds import WIRING
 from dut_emulator.server.bench_model import BenchModel, SocketModel
 from dut_emulator.server.bench_server import BenchServer
@@ -17,7 +18,7 @@ from dut_emulator.server.configuration import BenchServerConfiguration
 from dut_emulator.server.listening import ListeningPorts
 from dut_emulator.server.opening import open_bench
 from dut_emulator.server.unit_store import UnitStore, write_atomically
-from dut_emulator.twin import read_twin
+from dut_emulator.twin import Twin, read_twin
 from protocol.adapters.structured_log import log_as_json
 from protocol.bench_description import BenchDescription
 from protocol.errors import Fault, TestloomError
@@ -58,7 +59,7 @@ async def serve(configuration: BenchServerConfiguration, stop: asyncio.Event) ->
 
     asyncio.get_running_loop().set_exception_handler(failed)
     _remove_description(configuration)
-    twin = None if configuration.twin is None else read_twin(configuration.twin)
+    twin = _twin_of_units(configuration)
     store = UnitStore(configuration.units_dir, configuration.seed, configuration.unit_product, twin)
     model = build_model(configuration)
     bench = BenchServer(model, store, configuration.pace)
@@ -100,6 +101,22 @@ def build_model(configuration: BenchServerConfiguration) -> BenchModel:
         case None:
             pass
     return model
+
+
+def _twin_of_units(configuration: BenchServerConfiguration) -> Twin | None:
+    """What every unit here is made of; one that no unit can be made of is refused before anything listens."""
+    if configuration.twin is None:
+        return None
+    twin, product = read_twin(configuration.twin), configuration.unit_product
+    if twin.product not in ("", product):
+        raise TestloomError(
+            f"The twin is one of a {twin.product}, not of a {product}.",
+            where=str(configuration.twin),
+            fault=Fault.OPERATOR,
+            remedy="give a twin of this product.",
+        )
+    make_unit(product, configuration.seed, "U-0001", twin=twin)
+    return twin
 
 
 def _write_description(configuration: BenchServerConfiguration, description: BenchDescription) -> None:

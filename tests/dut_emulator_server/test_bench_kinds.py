@@ -1,5 +1,6 @@
 """Every kind of bench over its ports: the stand answers, the unit is read by what the stand gives it."""
 
+import asyncio
 import datetime
 import re
 from pathlib import Path
@@ -7,12 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.products.catalogue import PRODUCTS, product_named
+from dut_emulator.server.assembly import serve
 from dut_emulator.server.bench_kinds import BENCH_KINDS, SOCKET_BOARD, WIRING
+from dut_emulator.server.configuration import BenchServerConfiguration
 from dut_emulator.server.stands_document import stands_document
 from dut_emulator.stands.catalogue import STANDS, live_stand
 from dut_emulator.stands.command_port import CommandPort
+from dut_emulator.twin import Twin, write_twin
 from protocol.bench_description import Site
+from protocol.errors import TestloomError
 from protocol.mems_ahrs import FrameType as MemsFrameType
 
 STAND_KINDS = sorted(BENCH_KINDS.keys() - {SOCKET_BOARD})
@@ -71,7 +77,28 @@ def test_a_stand_says_what_it_is_and_until_when_it_is_calibrated(start_bench, ki
         participant.wait(participant.now_s + 1.0)
         assert len(stream.received) == 51 * 8 * STREAM_COLUMNS.get(kind, 15)
     assert participant.ask(op="inject", target="stand", fault="on_fire")["ok"] is False
-    assert participant.ask(op="inject", target="stand", fault="none")["ok"] is True
+    port = live_stand(kind, 1, Site(latitude_deg=40.0, gravity_m_s2=9.8), "S-1").port
+    assert isinstance(port, CommandPort)
+    for fault in (*port.FAULTS, "none"):
+        assert participant.ask(op="inject", target="stand", fault=fault)["ok"] is True, fault
+
+
+@pytest.mark.parametrize(
+    ("twin", "says"),
+    [
+        (product_named("rate_gyro_triad").twin(1, "U-0001"), "is one of a rate_gyro_triad, not of a fog"),
+        (Twin("fog", (effect_named("acc.bias", bias_si=(0.1, 0.0, 0.0)),)), "a gyro has not"),
+    ],
+)
+def test_a_twin_that_no_unit_here_can_have_is_refused_at_the_start(tmp_path, twin: Twin, says: str) -> None:
+    write_twin(twin, tmp_path / "unit.json")
+    description = tmp_path / "bench.json"
+    configuration = BenchServerConfiguration(
+        "b", "impact_rig", tmp_path / "units", description, twin=tmp_path / "unit.json"
+    )
+    with pytest.raises(TestloomError, match=says):
+        asyncio.run(serve(configuration, asyncio.Event()))
+    assert not description.exists()
 
 
 def test_a_stream_that_loses_samples_loses_whole_ones(start_bench) -> None:
