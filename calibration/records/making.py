@@ -102,7 +102,11 @@ def records_of(
     Raises:
         CalibrationError: as `record_of`.
     """
-    return tuple(record_of(content, sensor, recordings, origin) for sensor, content in _contents(evaluation))
+    try:
+        contents = tuple(_contents(evaluation))
+    except ValidationError as error:
+        raise _no_record(error, recordings) from None
+    return tuple(record_of(content, sensor, recordings, origin) for sensor, content in contents)
 
 
 def record_of(
@@ -121,12 +125,11 @@ def record_of(
             say of it fits no record.
     """
     first = recordings[0]
-    where = f"recording {', '.join(recording.recording_id for recording in recordings)}"
     for name in ("serial", "product"):
         if not first.unit.get(name):
             raise CalibrationError(
                 f"The recordings do not say the {name} of the unit: a calibration record must.",
-                where=where,
+                where=_named(recordings),
                 fault=Fault.DATA,
                 remedy=f"write unit.{name} into recording.json.",
             )
@@ -156,12 +159,20 @@ def record_of(
             created_at=origin.created_at,
         )
     except ValidationError as error:
-        raise CalibrationError(
-            f"No calibration record can be made of this {first_problem(error)}.",
-            where=where,
-            fault=Fault.DATA,
-            remedy="correct what recording.json says of unit and site.",
-        ) from None
+        raise _no_record(error, recordings) from None
+
+
+def _no_record(error: ValidationError, recordings: Sequence[Recording]) -> CalibrationError:
+    return CalibrationError(
+        f"No calibration record can be made of this {first_problem(error)}.",
+        where=_named(recordings),
+        fault=Fault.DATA,
+        remedy="correct what recording.json says of unit and site, and look at the coefficients.",
+    )
+
+
+def _named(recordings: Sequence[Recording]) -> str:
+    return f"recording {', '.join(recording.recording_id for recording in recordings)}"
 
 
 def marks(recording: Recording) -> list[Mapping[str, Any]]:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta, timezone
 
 import numpy as np
@@ -338,3 +339,7 @@ def test_an_evaluation_becomes_a_record_of_each_sensor(synthetic_imu) -> None:
     elsewhere = type(recording)(**vars(recording) | {"site": {"latitude_deg": 95.0}})
     with pytest.raises(CalibrationError, match="at latitude_deg: Input should be less than or equal to 90"):
         records_of(evaluation, [elsewhere], origin)
+    assert evaluation.residuals
+    broken = replace(evaluation.residuals[0], values=(math.nan,) * 3)
+    with pytest.raises(CalibrationError, match="No calibration record can be made"):
+        records_of(replace(evaluation, residuals=(broken,)), [recording], origin)
