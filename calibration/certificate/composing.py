@@ -23,7 +23,7 @@ from calibration.certificate.document import (
     Signatures,
     speaker,
 )
-from calibration.certificate.figures import budget_figure, correlation_figure, table_figures
+from calibration.certificate.figures import correlations, table_figures
 from calibration.certificate.rounding import plain
 from calibration.certificate.sections import (
     environment_section,
@@ -65,7 +65,7 @@ def certificate(record: CalibrationRecord, details: CertificateDetails, language
         environment_section(record, details, say),
         Section(say("Results"), (results_grid(record, details, say), _coverage(record, say))),
         *_conformity(judged, details, say),
-        *_budgets(record, say, language, pictures),
+        *_budgets(record, say, language),
         *_tables_with_figures(record, say, language, pictures),
         Section(
             say("Assumptions and data not used"),
@@ -214,30 +214,17 @@ def _conformity(judged: tuple[Judgement, ...], details: CertificateDetails, say:
     yield Section(say("Conformity"), (grid, Paragraph(rule, "note")))
 
 
-def _budgets(
-    record: CalibrationRecord, say: Say, language: str, pictures: dict[str, str]
-) -> Iterator[Section]:
-    blocks: list[Block] = []
-    for number, budget in enumerate(record.budgets, start=1):
-        blocks.append(_budget_grid(budget, record, say, language))
-        name = f"budget-{number}.svg"
-        pictures[name] = budget_figure(budget, say, language)
-        result = quantity_words(budget.result, say)
-        caption = say("Parts of the variance of {quantity}", quantity=result)
-        blocks.append(Picture(name, caption, 0.85))
-    for number, block in enumerate(record.covariance, start=1):
-        drawn = correlation_figure(block, record)
-        if drawn is not None:
-            name = f"correlation-{number}.svg"
-            pictures[name] = drawn[0]
-            caption = say("Correlation coefficients of the results; the covariance is in the record")
-            blocks.append(Picture(name, caption, drawn[1]))
+def _budgets(record: CalibrationRecord, say: Say, language: str) -> Iterator[Section]:
+    blocks: list[Block] = [_budget_grid(budget, record, say, language) for budget in record.budgets]
+    caption = say("Correlation coefficients of the results; the covariance is in the record")
+    blocks += filter(None, (correlations(block, record, caption) for block in record.covariance))
     if blocks:
         yield Section(say("Uncertainty budget"), tuple(blocks))
 
 
 def _budget_grid(budget: RecordedBudget, record: CalibrationRecord, say: Say, language: str) -> Grid:
     unit = record.quantity(budget.result).unit
+    variance = budget.standard_uncertainty**2
     rows = tuple(
         (
             translated(row.quantity, language),
@@ -248,10 +235,11 @@ def _budget_grid(budget: RecordedBudget, record: CalibrationRecord, say: Say, la
             plain(row.sensitivity, 4),
             plain(abs(row.contribution), 3),
             "∞" if row.degrees_of_freedom is None else plain(row.degrees_of_freedom, 3),
+            f"part|{100.0 * row.contribution**2 / variance if variance else 0.0:.1f}",
         )
         for row in budget.rows
     )
-    total = (say("combined"), "", "", "", "", "", plain(budget.standard_uncertainty, 3), "")
+    total = (say("combined"), *[""] * 5, plain(budget.standard_uncertainty, 3), "", "")
     headings = (
         say("Contribution"),
         say("Estimate"),
@@ -261,9 +249,10 @@ def _budget_grid(budget: RecordedBudget, record: CalibrationRecord, say: Say, la
         "$c_i",
         f"|c u|, {unit_words(unit)}" if unit != "1" else "|c u|",
         "ν",
+        say("Part of the variance, %"),
     )
     title = capital(quantity_words(budget.result, say))
-    return Grid(title, headings, (*rows, total), "lrlrlrrr", translated(budget.note, language))
+    return Grid(title, headings, (*rows, total), "lrlrlrrrl", translated(budget.note, language))
 
 
 def _tables_with_figures(

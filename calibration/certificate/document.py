@@ -42,10 +42,11 @@ class Grid:
     Attributes:
         title: above it; may be empty.
         headings: one for each column.
-        rows: of texts; a text that starts with `$` is a symbol, as K_2x is, and is set as one.
+        rows: of texts. One that starts with `$` is a symbol, as K_2x is, and is set as one; the words
+            'good', 'bad', 'open' before '|' colour what follows; 'part|' goes before a percentage, drawn
+            as a bar.
         align: 'l', 'r' or 'c' for each column.
         note: below it; may be empty.
-        verdict_column: whose words 'good', 'bad', 'open' before '|' colour a cell; -1: none.
     """
 
     title: str
@@ -72,6 +73,16 @@ class Picture:
 
 
 @dataclass(frozen=True)
+class Correlations:
+    """Lower triangle of a matrix of correlation coefficients. `symbols`: as cells of a `Grid` are."""
+
+    symbols: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str
+    kind: Literal["correlations"] = "correlations"
+
+
+@dataclass(frozen=True)
 class Signatures:
     """Lines to sign on: who does what, and the name where it is known."""
 
@@ -80,7 +91,7 @@ class Signatures:
     kind: Literal["signatures"] = "signatures"
 
 
-Block = Facts | Paragraph | Bullets | Grid | Picture | Signatures
+Block = Facts | Paragraph | Bullets | Grid | Picture | Correlations | Signatures
 
 
 @dataclass(frozen=True)

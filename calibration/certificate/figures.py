@@ -1,24 +1,23 @@
 # pyright: strict
-"""Which drawings a record gets: from the shape of its tables, budgets and covariances."""
+"""Which drawings a record gets: from the shape of its tables and covariances."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from calibration.certificate.charts import Curve, bars_chart, correlation_chart, curves_chart
-from calibration.certificate.document import Say
+from calibration.certificate.charts import Curve, curves_chart
+from calibration.certificate.document import Correlations, Say
 from calibration.certificate.sections import axis_label, shown_column
 from calibration.certificate.wording import capital, quantity_words, unit_words
 from calibration.records.record import CalibrationRecord
-from calibration.records.record_parts import CovarianceBlock, RecordedBudget, RecordTable
-from protocol.language import translated
+from calibration.records.record_parts import CovarianceBlock, RecordTable
 
 MOST_CORRELATED = 15
 """Parameters whose correlations a page can show."""
+LEAST_CORRELATION = 0.005
+"""What two digits show."""
 MOST_CURVES = 8
 MOST_FIGURES = 8
-FIELD_WIDTH = 0.062
-"""Of a correlation chart's column, as part of the text width."""
 
 
 def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
@@ -49,18 +48,8 @@ def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
             yield curves_chart(part, x_label, label, by_row=bool(table.row_names))
 
 
-def budget_figure(budget: RecordedBudget, say: Say, language: str) -> str:
-    """Parts of the variance, largest first."""
-    total = budget.standard_uncertainty**2 or 1.0
-    rows = sorted(budget.rows, key=lambda row: -abs(row.contribution))
-    parts = [100.0 * row.contribution**2 / total for row in rows]
-    return bars_chart(
-        [translated(row.quantity, language) for row in rows], parts, say("Part of the variance, %")
-    )
-
-
-def correlation_figure(block: CovarianceBlock, record: CalibrationRecord) -> tuple[str, float] | None:
-    """The chart and its part of the text width; None where it says nothing or does not fit."""
+def correlations(block: CovarianceBlock, record: CalibrationRecord, caption: str) -> Correlations | None:
+    """The lower triangle; None where it says nothing or does not fit."""
     count = len(block.parameters)
     if not 2 <= count <= MOST_CORRELATED:
         return None
@@ -68,5 +57,13 @@ def correlation_figure(block: CovarianceBlock, record: CalibrationRecord) -> tup
     deviation = np.sqrt(np.diag(matrix))
     scale = np.outer(deviation, deviation)
     correlation = np.divide(matrix, scale, out=np.eye(count), where=scale > 0)
-    symbols = [record.quantity(name).symbol or str(k + 1) for k, name in enumerate(block.parameters)]
-    return correlation_chart(symbols, correlation.tolist()), min(1.0, 0.11 + FIELD_WIDTH * count)
+    if np.abs(correlation - np.eye(count)).max() < LEAST_CORRELATION:
+        return None
+    symbols = tuple(
+        f"${record.quantity(name).symbol or k}" for k, name in enumerate(block.parameters, start=1)
+    )
+    rows = tuple(
+        tuple(f"{round(float(value), 2) + 0.0:.2f}" for value in row[: k + 1])
+        for k, row in enumerate(correlation)
+    )
+    return Correlations(symbols, rows, caption)

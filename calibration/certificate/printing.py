@@ -14,6 +14,7 @@ from importlib import resources
 import segno
 import typst
 
+from calibration.certificate.charts import FONT
 from calibration.certificate.document import Document
 from protocol.errors import CalibrationError, Fault
 
@@ -47,7 +48,6 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
     fonts = [LATIN_FAMILY, SYMBOL_FAMILY]
     if needs_chinese:
         fonts.insert(1, _chinese_family(document, _installed() if installed is None else installed))
-    in_drawings = f"'{fonts[-2]}'"  # a drawing's text is set in one family
     layout = resources.files("calibration.certificate").joinpath("layout.typ").read_bytes()
     files = {
         "main.typ": layout,
@@ -55,7 +55,7 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
         "fonts.json": json.dumps(fonts).encode(),
         "record.json": record_json.encode(),
         "qr.svg": qr_svg(document.qr_payload).encode(),
-        **{name: svg.replace("FONTS", in_drawings).encode() for name, svg in document.pictures.items()},
+        **{name: svg.replace(FONT, fonts[-2]).encode() for name, svg in document.pictures.items()},
     }
     try:
         return typst.compile(
