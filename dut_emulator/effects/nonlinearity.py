@@ -160,10 +160,11 @@ class DeadBand(LinearEffect):
 
 @dataclass(frozen=True)
 class RateHysteresis(LinearEffect):
-    """The output lags behind a reversal of the rate: y = u + h p, p in [−1, 1] the place in the play.
+    """Up and down strokes differ: y = u + h p, p in [−1, 1] the place in the play; h < 0 lags.
 
     p moves by Δu / w and stops at ±1, so up and down strokes of a staircase differ by 2h; paper 4 finds them
-    in its rate gyro. Model: stop operator (Visintin, *Differential Models of Hysteresis*, 1994).
+    in its rate gyro. Where friction keeps the output back, up strokes read less. Model: stop operator
+    (Visintin, *Differential Models of Hysteresis*, 1994).
     """
 
     amplitude_si: Triple = parameter(ZERO, "{si}", (-0.01, 0.01), "half the distance of the two branches")

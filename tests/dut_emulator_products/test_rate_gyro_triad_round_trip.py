@@ -85,7 +85,7 @@ def truth_of(seed: int, serial: str, axis: int, temperature_c: float) -> Truth:
     mean = K * (y + half * np.array([-1, *[0] * 9, 1]))  # the loop is closed at its ends
     slope, intercept = np.polyfit(rate, mean, 1)
     off_line = (mean - slope * rate - intercept) / (mean[-1] - mean[0])
-    loop = 2 * K * half / (mean[-1] - mean[0])
+    loop = 2 * K * abs(half) / (mean[-1] - mean[0])
     return Truth(slope, intercept, np.abs(off_line).max(), off_line, loop)
 
 

@@ -37,7 +37,7 @@ def eleven_point(recording: Recording) -> None:
         assert abs(span / FULL_SCALE_V - 1) < 0.02
         inner = np.abs(rates) < 99
         loop = own[inner & (strokes == 1)].mean() - own[inner & (strokes == -1)].mean()
-        assert 5e-5 < loop / span < 1e-3, "a hysteresis of some 0.02 % of the full scale"
+        assert 5e-5 < -loop / span < 1e-3, "some 0.02 % of the full scale, and the output lags"
     stand = recording.streams["stand"].columns
     turning = np.stack([stand[f"rate_{name}"] for name in AXES], axis=1)
     assert abs(np.abs(turning).max() - 100.0) < 1e-3

@@ -75,14 +75,15 @@ def _misalignment(draw: LotDraw) -> CatalogueEffect:
 def _scale(draw: LotDraw) -> tuple[CatalogueEffect, ...]:
     """What belongs to the scale factor, and how it depends on the rate."""
     per_c = draw.triple("scale_temperature", 0.0, Spread(unit=2e-5, wafer=1e-5, lot=2e-5))
-    hysteresis = draw.triple_around("hysteresis", 0.022 * DEG_S, Spread(unit=0.3, lot=0.15))
+    x, y, z = draw.triple_around("hysteresis", 0.022 * DEG_S, Spread(unit=0.3, lot=0.15))
+    lagging = (-x, -y, -z)  # friction keeps the output back: up strokes read less
     return (
         ScaleFactorError("gyro", draw.triple("scale", 0.0, Spread(unit=2e-3, wafer=1e-3, lot=1e-3))),
         ScaleFactorTemperature("gyro", (per_c,)),
         ScaleFactorAsymmetry("gyro", draw.triple("asymmetry", 0.0, Spread(unit=2e-4, lot=1e-4))),
         ScaleFactorNonlinearity("gyro", draw.triple("cubic", 0.0, Spread(unit=1.5e-5, lot=1e-5))),
         EvenNonlinearity("gyro", draw.triple("square", 0.0, Spread(unit=5e-4, lot=2e-4))),
-        RateHysteresis("gyro", hysteresis, HYSTERESIS_WIDTH_RAD_S),
+        RateHysteresis("gyro", lagging, HYSTERESIS_WIDTH_RAD_S),
     )
 
 
