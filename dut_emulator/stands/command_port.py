@@ -119,6 +119,10 @@ class SampleStream:
         return self._started_s + self._taken / self._rate_hz if self._rate_hz else None
 
 
+MOST = 1e9
+"""No stand's argument is larger, in whatever unit; squares of it are still numbers."""
+
+
 class CommandPort(ABC):
     """A stand behind its command port: the base of all of them. See `StandModel`.
 
@@ -206,6 +210,8 @@ def number(text: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise Refused(ERR_ARGUMENTS, f"'{text[:20]}' is not a number")
+    if abs(value) > MOST:
+        raise Refused(ERR_ARGUMENTS, f"'{text[:20]}' is beyond {MOST:g}")
     return value
 
 

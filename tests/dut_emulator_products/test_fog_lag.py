@@ -17,7 +17,7 @@ from dut_emulator.products.fog.population import draw_twin
 from dut_emulator.products.fog.sensor import FogSensor
 from dut_emulator.recording.recorder import recorded
 from dut_emulator.stands.catalogue import recording_stand
-from dut_emulator.stands.impact_rig import ImpactRun
+from dut_emulator.stands.impact_rig.rig import ImpactRun
 from dut_emulator.twin import Twin
 from protocol.bench_description import Site
 from protocol.errors import CalibrationError

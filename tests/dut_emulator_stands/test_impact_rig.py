@@ -20,7 +20,7 @@ from dut_emulator.motion.impact_profile import (
 )
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.stands.catalogue import live_stand, recording_stand
-from dut_emulator.stands.impact_rig import ImpactRun
+from dut_emulator.stands.impact_rig.rig import ImpactRun
 from protocol.bench_description import Site
 from protocol.errors import TestloomError
 from protocol.fog import FRAME_BYTES

@@ -10,7 +10,7 @@ from dut_emulator.interfaces import BenchModelError
 from dut_emulator.motion.course import PHASES
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.stands.catalogue import live_stand, recording_stand
-from dut_emulator.stands.vehicle_run_stand import READING_UNITS
+from dut_emulator.stands.vehicle_run_stand.stand import READING_UNITS
 from protocol.bench_description import Site
 from protocol.errors import TestloomError
 from protocol.units_of_measure import is_known_unit

@@ -142,10 +142,11 @@ class SinusoidalOverloadRig:
         Raises:
             TestloomError: beyond a limit; says which, by how much and what would fit.
         """
-        limits, speed = self.limits, math.sqrt(overload_g * STANDARD_GRAVITY_M_S2 / crank.radius_m)
+        limits = self.limits
         if not limits.least_g <= overload_g <= limits.most_g:
             what = f"An overload of {overload_g:g} g is outside {limits.least_g:g} to {limits.most_g:g} g."
             raise beyond_limit(self.stand_id, what, f"ask {limits.least_g:g} to {limits.most_g:g} g.")
+        speed = math.sqrt(overload_g * STANDARD_GRAVITY_M_S2 / crank.radius_m)
         if crank.radius_m > limits.half_travel_m:
             what = f"A crank of {crank.radius_m:g} m goes beyond the travel of ±{limits.half_travel_m:g} m."
             raise beyond_limit(self.stand_id, what, f"use a crank of up to {limits.half_travel_m:g} m.")

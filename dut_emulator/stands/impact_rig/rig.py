@@ -1,7 +1,7 @@
 # pyright: strict
 """The impact rig of paper 3: a slider strikes a free table, a contact triggers the timer, frames are stamped.
 
-`ImpactRig` runs profiles; `live_stand` puts the same rig behind a command port (`impact_rig_port`). Its own
+`ImpactRig` runs profiles; `live_rig` has the same rig over bench time. Its own
 errors: the strikes scatter, the trigger comes some nanoseconds after the hit and jitters, a programmed
 impact misses its instant by some microseconds, the unit sits a little turned. The table has no encoder and
 no motor: the rig reports the room's temperature and its triggers, nothing else. The table's axis is vertical
@@ -28,7 +28,7 @@ from dut_emulator.motion.impact_profile import (
 )
 from dut_emulator.motion.run import EventStream
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
-from dut_emulator.stands.recording_stand import LiveStand, StandIdentity, beyond_limit
+from dut_emulator.stands.recording_stand import StandIdentity, beyond_limit
 from dut_emulator.stands.stand_draws import StandDraws, calibration_due, cut_normal
 from protocol.bench_description import Site
 from protocol.impact_rig import stamp_of
@@ -253,19 +253,6 @@ def least_spacing_s(response: TableResponse, peak_rate_deg_s: float) -> float:
     """From strike to strike with the hardest of this setting: its way to rest, settling, rest, scatter."""
     hardest = math.radians(peak_rate_deg_s) * (1 + 3 * STRIKE_SPREAD)
     return response.stop_s(hardest) + SETTLING_S + REST_BEFORE_S + RELEASE_SCATTER_S
-
-
-def recording_stand(seed: int, site: Site) -> ImpactRig:
-    """The rig of this seed."""
-    return ImpactRig(seed, site)
-
-
-def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
-    """The same rig behind its command port. `identity`: the stand's serial number."""
-    from dut_emulator.stands.impact_rig_port import ImpactRigPort, LiveImpactRig
-
-    rig = LiveImpactRig(seed, site)
-    return LiveStand(ImpactRigPort(rig, identity, calibration_due(KIND, seed)), rig)
 
 
 def run_generator(seed: int) -> np.random.Generator:

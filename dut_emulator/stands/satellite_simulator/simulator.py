@@ -36,7 +36,7 @@ from dut_emulator.motion.satellite_profiles import (
     lines_of_sight,
 )
 from dut_emulator.stands.level_board import LevelBoard
-from dut_emulator.stands.recording_stand import LiveStand, RecordingStand, StandIdentity, beyond_limit
+from dut_emulator.stands.recording_stand import StandIdentity, beyond_limit
 from dut_emulator.stands.stand_draws import StandDraws, calibration_due
 from protocol.bench_description import Site
 
@@ -102,20 +102,6 @@ def scenario_of(profile: str, values: Mapping[str, float]) -> Scenario:
         raise beyond_limit(KIND, f"A satellite simulator cannot play '{profile}'.", remedy)
     check_power(values["power_dbm"])
     return Scenario(profile, track, duration_s, round(values["satellites"]), values["power_dbm"])
-
-
-def recording_stand(seed: int, site: Site) -> RecordingStand:
-    """A simulator whose errors are drawn by `seed`."""
-    return SatelliteSimulator(seed, site)
-
-
-def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
-    """The same behind its command port."""
-    from dut_emulator.stands.satellite_simulator_port import SatelliteSimulatorPort
-
-    model = LiveSatelliteSimulator(Errors.drawn(seed), site)
-    port = SatelliteSimulatorPort(model, f"Testloom,GS1,{identity},1.0", calibration_due(KIND, seed))
-    return LiveStand(port, model, model)
 
 
 class SatelliteSimulator:

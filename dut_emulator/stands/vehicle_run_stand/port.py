@@ -36,7 +36,7 @@ from dut_emulator.effects.effect import Stimulus
 from dut_emulator.motion.course import Course
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.stands.command_port import CommandPort, Commands, Refused, SampleStream, named_numbers
-from dut_emulator.stands.vehicle_run_stand import (
+from dut_emulator.stands.vehicle_run_stand.stand import (
     COURSES,
     LIMITS,
     READING_UNITS,

@@ -29,7 +29,7 @@ from dut_emulator.motion.path import Steps, euler_angles_rad
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.run import EventStream
 from dut_emulator.motion.vehicle_run import drive
-from dut_emulator.stands.recording_stand import LiveStand, StandIdentity, beyond_limit
+from dut_emulator.stands.recording_stand import StandIdentity, beyond_limit
 from dut_emulator.stands.stand_draws import StandDraws, calibration_due
 from protocol.bench_description import Site
 from protocol.errors import Fault, TestloomError
@@ -180,19 +180,6 @@ class VehicleRunStand:
         return VehicleRun(
             checked_course(profile, values, self._site, self.seed, self.identity), Reference(self.seed)
         )
-
-
-def recording_stand(seed: int, site: Site) -> VehicleRunStand:
-    """A vehicle with its reference; `seed` draws its errors."""
-    return VehicleRunStand(seed, site)
-
-
-def live_stand(seed: int, site: Site, identity: str) -> LiveStand:
-    """The same behind its command port."""
-    from dut_emulator.stands.vehicle_run_port import VehiclePort
-
-    port = VehiclePort(VehicleRunStand(seed, site), site, identity)
-    return LiveStand(port, port)
 
 
 def parked(site: Site, seed: int) -> Course:

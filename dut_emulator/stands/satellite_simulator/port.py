@@ -41,7 +41,7 @@ from dut_emulator.stands.command_port import (
     named_numbers,
     number,
 )
-from dut_emulator.stands.satellite_simulator import (
+from dut_emulator.stands.satellite_simulator.simulator import (
     ACCELERATION_LIMIT_M_S2,
     POWER_LIMITS_DBM,
     SPEED_LIMIT_M_S,
