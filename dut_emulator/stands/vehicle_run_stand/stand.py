@@ -4,9 +4,9 @@
 The unit sits on a plate beside the reference. The stand's errors are the plate's: the unit's place and
 direction on it are known to some millimetres and a milliradian. The reference reads the centre's motion with
 slow errors of its own, as after post-processing (of the class of an iMAR or Applanix system): roll and pitch
-0.01°, heading 0.03°, position 0.05 m, velocity 0.01 m/s (rms), rates 1e-3 °/s and force 0.1 mg in resolution.
-Rates it reports are relative to the Earth. Vibration is smoothed out of its force, but the unit feels it: in
-what a reference leaves over of accelerometers it stands as tones, not as their noise.
+0.01°, heading 0.03°, position 0.05 m, velocity 0.01 m/s (rms), rates 1e-3 °/s and force 0.01 mg in
+resolution. Rates it reports are relative to the Earth. Vibration is smoothed out of its force, but the unit
+feels it: in what a reference leaves over of accelerometers it stands as tones, not as their noise.
 
 Out of scope: outages of the satellites, wheel slip, wind (speed is over ground), the flexing of the airframe.
 """
