@@ -137,10 +137,8 @@ def fit_correlated(
         )
     root = np.sqrt(blocks.duration_s)[:, None]
     white_x, white_y = x * root, y * root
-    if known_slow is None:
-        found = _weighed(white_x, white_y, blocks)
-    else:
-        found = _stated(white_x, white_y, blocks, known_slow)
+    unknown = known_slow is None
+    found = _weighed(white_x, white_y, blocks) if unknown else _stated(white_x, white_y, blocks, known_slow)
     weight = np.exp(found.log_weight - found.log_weight.max(axis=0))
     weight /= weight.sum(axis=0)
     values = np.einsum("hm,hmp->mp", weight, found.values)

@@ -147,32 +147,12 @@ def frequency_response(
             where,
             "sweep with less amplitude.",
         )
-    missing = np.isnan(whole)
-    frequency = np.asarray(np.fft.rfftfreq(count, period), dtype=np.float64)
-    spectrum = np.fft.rfft(acted)
-    bands = _bands(frequency, spectrum, where)
-    wild = np.zeros(count, dtype=np.bool_)
-    filled = np.where(missing, 0.0, whole)
-    bins: list[tuple[float, complex, float]] = []
-    lost = missing
-    for number in range(PASSES):
-        bins = [_regress(frequency[band], spectrum[band], np.fft.rfft(filled)[band]) for band in bands]
-        predicted = _predicted(frequency, spectrum, bins, count)
-        if number >= 2:
-            wild = _outliers(whole - predicted, MIN_OUTLIER_PART * float(np.abs(predicted).max()))
-            lost = missing | wild
-        slope, mean = np.polyfit(np.flatnonzero(~lost), (whole - predicted)[~lost], 1)
-        line = mean + slope * np.arange(count)
-        filled = np.where(lost, predicted, whole - line)
-    if lost.mean() > MAX_LOST_FRACTION:
-        raise refused(
-            f"{lost.mean():.1%} of the samples are missing or outliers.", where, "record the sweep again."
-        )
+    bins, missing, wild = _settled(whole, acted, period, where)
     notes = [
-        NotUsed(where, int(which.sum()), why)
+        NotUsed(where, int(which.sum()), f"{why}, predicted from the rest")
         for which, why in (
-            (missing, "missing (gaps in time or NaN), predicted from the rest"),
-            (wild, f"outliers beyond {OUTLIER_SIGMAS:g} standard deviations, predicted from the rest"),
+            (missing, "missing (gaps in time or NaN)"),
+            (wild, f"outliers beyond {OUTLIER_SIGMAS:g} standard deviations"),
         )
         if which.any()
     ]
@@ -183,6 +163,33 @@ def frequency_response(
         half[:, None, None] * np.eye(2),
         tuple(notes),
     )
+
+
+def _settled(
+    whole: FloatArray, acted: FloatArray, period: float, where: str
+) -> tuple[list[tuple[float, complex, float]], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Bands (frequency, H, variance) once lost samples are predicted; which are missing; which are wild."""
+    missing = np.isnan(whole)
+    frequency = np.asarray(np.fft.rfftfreq(len(whole), period), dtype=np.float64)
+    spectrum = np.fft.rfft(acted)
+    bands = _bands(frequency, spectrum, where)
+    lost, wild = missing, np.zeros(len(whole), dtype=np.bool_)
+    filled = np.where(missing, 0.0, whole)
+    bins: list[tuple[float, complex, float]] = []
+    for number in range(PASSES):
+        answered = np.fft.rfft(filled)
+        bins = [_regress(frequency[band], spectrum[band], answered[band]) for band in bands]
+        predicted = _predicted(frequency, spectrum, bins, len(whole))
+        if number >= 2:
+            wild = _outliers(whole - predicted, MIN_OUTLIER_PART * float(np.abs(predicted).max()))
+            lost = missing | wild
+        slope, mean = np.polyfit(np.flatnonzero(~lost), (whole - predicted)[~lost], 1)
+        filled = np.where(lost, predicted, whole - mean - slope * np.arange(len(whole)))
+    if lost.mean() > MAX_LOST_FRACTION:
+        raise refused(
+            f"{lost.mean():.1%} of the samples are missing or outliers.", where, "record the sweep again."
+        )
+    return bins, missing, wild
 
 
 def delay_and_lag(response: FrequencyResponse, *, clock_standard_uncertainty_s: float = 0.0) -> DelayAndLag:

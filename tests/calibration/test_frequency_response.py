@@ -140,7 +140,7 @@ def test_an_emulated_module_with_a_filter_and_a_late_link() -> None:
     told = delay_and_lag(found)
     assert told.separated
     assert told.total_delay_s[0] == pytest.approx(8e-3, abs=1e-4)
-    # The emulated lag and delay run straight between samples 5 ms apart: their own transfer function, by hand.
+    # The emulated lag and delay run straight between samples 5 ms apart: its transfer function by hand.
     period, tau = 5e-3, 5e-3
     z, kept = np.exp(-2j * math.pi * found.frequency_hz * period), math.exp(-period / tau)
     ramp = (1 - kept) * tau / period
