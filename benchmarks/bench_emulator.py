@@ -31,7 +31,7 @@ ROUNDS = 3
 STREAM_HOURS = 1
 RATIO_GOAL = 2.0
 SAMPLES_PER_S_GOAL = 1e6
-STREAM_S_GOAL = 2.0
+STREAM_S_GOAL = 1.5
 EVERY_EFFECT_SAMPLES = 400_000
 SMALL_SHARE = 1e-3
 """Of a parameter's range, where an effect is on but a chain of all of them stays sane."""
@@ -71,20 +71,12 @@ def run() -> list[dict[str, Any]]:
             "compared_with": f"plain numpy {reference_s:.2f} s",
         },
         {
-            "figure": f"all {own.count} gyro and accelerometer effects and the lever arm, six-axis samples",
-            "value": own_rate,
-            "unit": "1/s",
-            "goal": SAMPLES_PER_S_GOAL,
-            "met": own_rate >= SAMPLES_PER_S_GOAL,
-            "compared_with": "",
-        },
-        {
-            "figure": f"those, the stand's and the link's, {all_of_them.count} effects, six-axis samples",
+            "figure": f"all {all_of_them.count} effects of both triads, stand and link, six-axis samples",
             "value": full_rate,
             "unit": "1/s",
-            "goal": None,
-            "met": None,
-            "compared_with": "",
+            "goal": SAMPLES_PER_S_GOAL,
+            "met": full_rate >= SAMPLES_PER_S_GOAL,
+            "compared_with": f"without stand and link, {own.count} effects: {own_rate:,.0f}/s",
         },
         {
             "figure": "one hour of a unit's 200 Hz stream, as frames",

@@ -51,6 +51,7 @@ WrittenForm = Annotated[Form, _option("form", say("Which forms are written."))]
 StreamFiles = Annotated[
     Files, _option("stream-format", say("Files of a folder's streams: npz, csv or parquet."))
 ]
+Rate = Annotated[float | None, _option("rate", say("Samples per second, instead of the product's own rate."))]
 Float32 = Annotated[bool, _option("float32", say("Samples as 32-bit numbers; times stay 64-bit."))]
 Truth = Annotated[
     Path | None, _option("truth", say("Write the true effects of unit and stand into this file."))
@@ -82,6 +83,7 @@ def record(
     started_at: StartedAt = "2026-01-01T00:00:00Z",
     form: WrittenForm = "both",
     stream_format: StreamFiles = "npz",
+    rate: Rate = None,
     float32: Float32 = False,
     truth: Truth = None,
     latitude: Latitude = 39.96,
@@ -110,6 +112,7 @@ def record(
         powered_before_s=powered_before_s,
         started_at=started_at,
         sample_type="float32" if float32 else "float64",
+        rate_hz=rate,
     )
     _write(RecordingSession(order), out, form, stream_format, truth, as_json=as_json)
 

@@ -23,6 +23,8 @@ MAX_OFFSET_S = 1e6
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Of what becomes a part of a file's name."""
 
+LEAST_RATE_HZ, MAX_RATE_HZ = 1.0, 10_000.0
+
 SampleType = Literal["float64", "float32"]
 
 
@@ -45,6 +47,7 @@ class RecordingOrder:
         powered_before_s: how long the unit had been powered when the run began.
         started_at: ISO date and time.
         sample_type: of samples that are no whole numbers; times are always float64.
+        rate_hz: of the unit's samples; None is what its product sends in this profile.
     """
 
     product: str | Product
@@ -62,6 +65,7 @@ class RecordingOrder:
     powered_before_s: float = 0.0
     started_at: str = STARTED_AT
     sample_type: SampleType = "float64"
+    rate_hz: float | None = None
 
 
 def check_order(order: RecordingOrder) -> None:
@@ -86,6 +90,12 @@ def check_order(order: RecordingOrder) -> None:
             order.clock_offset_s,
             abs(order.clock_offset_s) <= MAX_OFFSET_S,
             f"-{MAX_OFFSET_S:g} to {MAX_OFFSET_S:g} s",
+        ),
+        (
+            "rate_hz",
+            order.rate_hz,
+            order.rate_hz is None or LEAST_RATE_HZ <= order.rate_hz <= MAX_RATE_HZ,
+            f"{LEAST_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz",
         ),
     ):
         if not good:

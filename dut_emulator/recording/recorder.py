@@ -48,6 +48,7 @@ TRUTH_FORMAT = "testloom-truth/1"
 
 _RUN_NOISE = 9_001
 """Purpose of `LotDraw.seed_for`: apart from what a unit draws for itself."""
+_FRAME_RATE = "frame_rate_hz"
 _MOUNTING_EFFECT = "remount_misalignment"
 
 Columns = dict[str, NDArray[Any]]
@@ -86,7 +87,7 @@ class RecordingSession:
             twin=twin,
             stand_effects=_effects_of_mount(stand, order, mounting.stand, values),
             run=stand.run(order.profile, values),
-            rate_hz=mounting.rate_hz,
+            rate_hz=order.rate_hz or mounting.rate_hz,
             seed=draw.seed_for(_RUN_NOISE, order.run, *f"{order.profile}/{order.mount}".encode()),
             serial=order.serial,
             power_on_s=-order.powered_before_s,
@@ -102,6 +103,7 @@ class RecordingSession:
             "value_units": {parameter.name: parameter.unit for parameter in profile.parameters},
             "triggered": order.triggered,
             **({"power_on_s": self.unit.power_on_s} if order.powered_before_s else {}),
+            **({"rate_hz": order.rate_hz} if order.rate_hz else {}),
         }
         self.description = Recording(
             recording_id=f"{product.name}-{order.serial}-{order.profile}-{order.mount}-r{order.run}",
@@ -312,6 +314,13 @@ def _check(order: RecordingOrder, product: Product) -> None:
             f"A {product.name} cannot undergo the profile '{order.profile}'.",
             f"product {product.name}",
             f"use one of: {possible}.",
+        )
+    names = [parameter.name for parameter in profile_named(order.profile).parameters]
+    if order.rate_hz is not None and _FRAME_RATE in names:
+        raise _refused(
+            f"In the profile '{order.profile}' the unit's samples are frames with a rate of their own.",
+            "rate_hz",
+            f"set the profile's {_FRAME_RATE} instead.",
         )
     if order.twin is not None and order.twin.product not in ("", product.name):
         raise _refused(

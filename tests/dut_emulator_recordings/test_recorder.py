@@ -123,6 +123,22 @@ def test_an_hour_is_never_in_memory_at_once(plain):
     assert reached[-1] == 3600.0
 
 
+def test_a_unit_may_be_sampled_faster_than_it_sends():
+    """White noise of one density: five times the rate has √5 times the deviation from sample to sample."""
+    order = {"values": {"duration_s": 20.0}, "seed": 3}
+    usual, fast = (recorded("gnc_module", "static", rate_hz=rate, **order) for rate in (None, 1000.0))
+    assert fast.test["rate_hz"] == 1000.0
+    assert "rate_hz" not in usual.test
+    steps = {}
+    for recording, rate_hz in ((usual, 200.0), (fast, 1000.0)):
+        columns = recording.streams["dut"].columns
+        np.testing.assert_allclose(np.diff(columns["t"]), 1 / rate_hz, rtol=1e-3)
+        steps[rate_hz] = np.std(np.diff(columns["acc_x"]))
+    assert steps[1000.0] / steps[200.0] == pytest.approx(5**0.5, rel=0.05)
+    with pytest.raises(TestloomError, match="frames with a rate of their own"):
+        RecordingSession(RecordingOrder("fog", "impact", rate_hz=1000.0))
+
+
 def test_an_overdue_calibration_is_in_the_recording_and_warned_of(plain):
     good = RecordingSession(RecordingOrder(plain, "plain_spin", started_at="2026-06-30T23:59:59Z"))
     assert good.warnings == ()
@@ -150,6 +166,8 @@ def test_an_overdue_calibration_is_in_the_recording_and_warned_of(plain):
         ({"serial": "../U-0001"}, "serial cannot be '../U-0001'"),
         ({"serial": ""}, "serial cannot be ''"),
         ({"mount": ".."}, "mount cannot be '..'"),
+        ({"rate_hz": 0.0}, "rate_hz cannot be '0.0'"),
+        ({"rate_hz": float("nan")}, "rate_hz cannot be 'nan'"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused_before_anything_runs(plain, changed, says):
