@@ -5,9 +5,7 @@ Time passes by `run_to`, which does everything due until then in order; commands
 calls. What leaves the unit carries its own bench time and waits in the outbox until that has come. The
 firmware counts in its crystal's time: every duration it keeps is true time × (1 + crystal_error).
 
-A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set)
-is not answered; one of unknown type gets UNKNOWN, one of wrong length or values INVALID.
-
+How commands are answered is in `products.command_link`.
 While it streams, rate and specific force go out on CAN too. Out of scope: the time that bytes take on a line.
 """
 
@@ -21,6 +19,14 @@ from operator import attrgetter
 import numpy as np
 
 from dut_emulator.interfaces import LinkOutput
+from dut_emulator.products.command_link import (
+    FLASH_WRITE_S,
+    REPLY_LATENCY_S,
+    RESET_DELAY_S,
+    CommandLink,
+    identity,
+    reply,
+)
 from dut_emulator.products.gnc_module import self_tests
 from dut_emulator.products.gnc_module.can_output import can_bursts
 from dut_emulator.products.gnc_module.flash import Coefficients
@@ -43,17 +49,12 @@ from protocol.can_database import (
     message_period_s,
 )
 from protocol.errors import LinkError
-from protocol.frames import Frame, FrameParser, encode_frame
+from protocol.frames import Frame
 from protocol.gnc_module import FrameType, ReplyStatus, SelfTest, Sensor
 
-REPLY_LATENCY_S = 0.5e-3
 ECHO_LATENCY_S = 1e-3
-FLASH_WRITE_S = 20e-3
-RESET_DELAY_S = 5e-3
 HEARTBEATS_PER_TEMPERATURE = 8
 """The heartbeat's temperature is read anew with every so many; 256 is a multiple of it."""
-SILENCE_S = 20e-3
-"""After this the parser gives up an incomplete frame."""
 FIRMWARE_VERSION, HARDWARE_REVISION = "1.4.2", "C"
 
 _MEMORY_TESTS = (SelfTest.INTERNAL_RAM, SelfTest.SDRAM, SelfTest.SPI_FLASH, SelfTest.INTERNAL_FLASH)
@@ -89,8 +90,7 @@ class Firmware:
         self._agenda: list[tuple[float, int, Callable[[float], None]]] = []
         self._outbox: list[tuple[float, int, LinkOutput]] = []
         self._on_can: list[LinkOutput] = []  # of the stream, in their order: too many for the outbox
-        self._parser = FrameParser()
-        self._last_received_s = now_s
+        self._link = CommandLink(now_s)
         self._running: dict[str, RunningTest] = {}
         self._stream: SampleStream | None = None
         self._forwarding: GnssForwarding | None = None
@@ -139,11 +139,8 @@ class Firmware:
         """Bytes on RS-422. While booting nobody listens."""
         if not self._ready:
             return
-        found = self._parser.flush() if now_s - self._last_received_s > SILENCE_S else []
-        self._last_received_s = now_s
-        for item in (*found, *self._parser.feed(data)):
-            for frame in (item,) if isinstance(item, Frame) else item.frames():
-                self._handle(frame, now_s)
+        for frame in self._link.commands(data, now_s):
+            self._handle(frame, now_s)
 
     def receive_can(self, identifier: int, data: bytes, now_s: float) -> None:
         """A CAN frame. Anything but a well-formed request is not for us."""
@@ -167,8 +164,6 @@ class Firmware:
     # --- commands
 
     def _handle(self, frame: Frame, now_s: float) -> None:
-        if frame.type & product.REPLY_BIT:
-            return
         handlers: dict[int, Callable[[Frame, float], None]] = {
             FrameType.IDENTIFY: self._identify,
             FrameType.SELF_TEST: self._self_test,
@@ -187,13 +182,8 @@ class Firmware:
             handler(frame, now_s)
 
     def _identify(self, frame: Frame, now_s: float) -> None:
-        identity = product.IDENTITY_LAYOUT.pack(
-            ReplyStatus.DONE,
-            self.hardware.truth.serial.encode("ascii")[:32],
-            FIRMWARE_VERSION.encode("ascii"),
-            HARDWARE_REVISION.encode("ascii"),
-        )
-        self._send_frame(frame, identity, now_s + REPLY_LATENCY_S)
+        texts = identity(self.hardware.truth.serial, FIRMWARE_VERSION, HARDWARE_REVISION)
+        self._answer(frame, ReplyStatus.DONE, now_s, texts)
 
     def _echo(self, frame: Frame, now_s: float) -> None:
         self._answer(frame, ReplyStatus.DONE, now_s, frame.payload)
@@ -338,7 +328,7 @@ class Firmware:
         self._at(now_s + self._heartbeat_period_s, self._heartbeat)
         if self._heartbeat_counter % HEARTBEATS_PER_TEMPERATURE == 0:
             self._temperature_c = self._read_temperature_c(now_s)
-        flags = frozenset(self._error_flags | ({"link"} if self._parser.statistics.crc_errors else set()))
+        flags = frozenset(self._error_flags | ({"link"} if self._link.crc_errors else set()))
         supply_v = round(self.hardware.supply_v, 3)
         identifier, data = status_frame(self._unit_state(), flags, supply_v, self._temperature_c)
         data = data[:1] + bytes((self._heartbeat_counter,)) + data[2:]
@@ -383,8 +373,7 @@ class Firmware:
         self._send_frame(frame, bytes((status,)) + rest, now_s + REPLY_LATENCY_S)
 
     def _send_frame(self, command: Frame, payload: bytes, time_s: float) -> None:
-        data = encode_frame(command.type | product.REPLY_BIT, command.sequence, payload)
-        self._send(LinkOutput(time_s, "rs422", data))
+        self._send(LinkOutput(time_s, "rs422", reply(command, payload)))
 
     def _send_can(self, frame: CanFrame, time_s: float) -> None:
         if not self.hardware.truth.digital.can_silent:

@@ -1,9 +1,8 @@
 # pyright: strict
 """A MEMS attitude unit on its RS-422 link: power, commands, stream. Times are the bench's.
 
-A command is answered after `REPLY_LATENCY_S`. A frame that is no command (wrong CRC, noise, bit 7 set) is not
-answered; one of unknown type gets UNKNOWN, one of wrong length or values INVALID. A correction that is
-written while a stream runs takes effect with the next sample, its gates with the next stream.
+How commands are answered is in `products.command_link`. A correction that is written while a stream runs
+takes effect with the next sample, its gates with the next stream.
 
 The housing keeps its heat over a loss of power. Out of scope: the crystal's error (a twin may have
 'link.clock_drift'), the time that bytes take on the line.
@@ -19,6 +18,14 @@ import numpy as np
 from dut_emulator.effects.effect import FloatArray, Stimulus
 from dut_emulator.interfaces import EmulatedUnit, LinkOutput, Surroundings
 from dut_emulator.lot import LotDraw
+from dut_emulator.products.command_link import (
+    FLASH_WRITE_S,
+    REPLY_LATENCY_S,
+    RESET_DELAY_S,
+    CommandLink,
+    identity,
+    reply,
+)
 from dut_emulator.products.mems_ahrs import cooling
 from dut_emulator.products.mems_ahrs.compensation import Flash, Node, TriadCompensation
 from dut_emulator.products.mems_ahrs.sampling import SENSORS, Ahrs, Housing, check_twin
@@ -28,14 +35,9 @@ from dut_emulator.products.product import chain_effects
 from dut_emulator.products.stand_unit import StandUnit
 from dut_emulator.twin import Twin
 from protocol import mems_ahrs as rs422
-from protocol.frames import Frame, FrameParser, encode_frame
+from protocol.frames import Frame
 from protocol.mems_ahrs import FrameType, ReplyStatus, Sensor
 
-REPLY_LATENCY_S = 0.5e-3
-FLASH_WRITE_S = 20e-3
-RESET_DELAY_S = 5e-3
-SILENCE_S = 20e-3
-"""After this the parser gives up an incomplete frame."""
 FIRMWARE_VERSION, HARDWARE_REVISION = "2.1.0", "B"
 HEAT_STEP_S = 1.0
 """Between samples the ambient is looked at so often."""
@@ -72,8 +74,7 @@ class MemsAhrsUnit(StandUnit):
         self._resets_s: float | None = None
         self._outbox: list[tuple[float, int, LinkOutput]] = []
         self._order = count()
-        self._parser = FrameParser()
-        self._last_received_s = 0.0
+        self._link = CommandLink(0.0)
         self._last_flags = 0
         self._last_attitude_deg = (np.nan, np.nan, np.nan)
 
@@ -117,7 +118,7 @@ class MemsAhrsUnit(StandUnit):
     def _boot(self, now_s: float) -> None:
         self._ready_s = now_s + rs422.BOOT_DURATION_S
         self._stream = self._resets_s = None
-        self._parser = FrameParser()
+        self._link = CommandLink(now_s)
         self._last_flags, self._last_attitude_deg = 0, (np.nan, np.nan, np.nan)
 
     def _heat(self, now_s: float) -> None:
@@ -185,12 +186,8 @@ class MemsAhrsUnit(StandUnit):
         del can_id
         if link != "rs422" or now_s < self._ready_s:
             return
-        found = self._parser.flush() if now_s - self._last_received_s > SILENCE_S else []
-        self._last_received_s = now_s
-        for item in (*found, *self._parser.feed(data)):
-            for frame in (item,) if isinstance(item, Frame) else item.frames():
-                if not frame.type & rs422.REPLY_BIT:
-                    self._handle(frame, now_s)
+        for frame in self._link.commands(data, now_s):
+            self._handle(frame, now_s)
 
     def _handle(self, frame: Frame, now_s: float) -> None:
         handlers: dict[int, Callable[[Frame, float], None]] = {
@@ -213,13 +210,8 @@ class MemsAhrsUnit(StandUnit):
             handler(frame, now_s)
 
     def _identify(self, frame: Frame, now_s: float) -> None:
-        identity = rs422.IDENTITY_LAYOUT.pack(
-            ReplyStatus.DONE,
-            self._serial.encode("ascii")[:32],
-            FIRMWARE_VERSION.encode("ascii"),
-            HARDWARE_REVISION.encode("ascii"),
-        )
-        self._answer(frame, ReplyStatus.DONE, now_s, identity[1:])
+        texts = identity(self._serial, FIRMWARE_VERSION, HARDWARE_REVISION)
+        self._answer(frame, ReplyStatus.DONE, now_s, texts)
 
     def _echo(self, frame: Frame, now_s: float) -> None:
         self._answer(frame, ReplyStatus.DONE, now_s, frame.payload)
@@ -318,8 +310,7 @@ class MemsAhrsUnit(StandUnit):
         return self._answer(frame, ReplyStatus.DONE, now_s + FLASH_WRITE_S)
 
     def _answer(self, frame: Frame, status: ReplyStatus, now_s: float, rest: bytes = b"") -> None:
-        data = encode_frame(frame.type | rs422.REPLY_BIT, frame.sequence, bytes((status,)) + rest)
-        self._send(data, now_s + REPLY_LATENCY_S)
+        self._send(reply(frame, bytes((status,)) + rest), now_s + REPLY_LATENCY_S)
 
     def _send(self, data: bytes, time_s: float) -> None:
         heapq.heappush(self._outbox, (time_s, next(self._order), LinkOutput(time_s, "rs422", data)))
