@@ -26,6 +26,8 @@ Commands = Mapping[str, Container[int]]
 
 ERR_UNKNOWN, ERR_ARGUMENTS = 1, 2
 _INSTANT_TOLERANCE_S = 1e-9
+MOST = 1e9
+"""No stand's argument is larger, in whatever unit; squares of it are still numbers."""
 _COMMON: Commands = {"*IDN?": (0,), "CAL?": (0,), "STRE": (1, 2)}
 
 
@@ -117,10 +119,6 @@ class SampleStream:
     def next_event_s(self) -> float | None:
         """When the next sample is due."""
         return self._started_s + self._taken / self._rate_hz if self._rate_hz else None
-
-
-MOST = 1e9
-"""No stand's argument is larger, in whatever unit; squares of it are still numbers."""
 
 
 class CommandPort(ABC):
