@@ -167,8 +167,8 @@ def _coverage(record: CalibrationRecord, say: Say) -> Paragraph:
             probability=plain(100.0 * record.coverage_probability, 4),
         )
     ]
-    if any(quantity.standard_uncertainty is None for quantity in record.quantities):
-        words.append(say("An interval in place of U holds with the probability p beside it."))
+    if any(quantity.interval is not None for quantity in record.quantities):
+        words.append(say("An interval holds with the probability p beside it."))
     return Paragraph(" ".join(words), "note")
 
 

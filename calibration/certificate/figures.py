@@ -8,7 +8,7 @@ import numpy as np
 from calibration.certificate.charts import Curve, curves_chart
 from calibration.certificate.document import Correlations, Say
 from calibration.certificate.sections import axis_label, shown_column
-from calibration.certificate.wording import capital, quantity_words, unit_words
+from calibration.certificate.wording import capital, quantity_words, symbol_cell, unit_words
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CovarianceBlock, RecordTable
 
@@ -16,6 +16,8 @@ MOST_CORRELATED = 15
 """Parameters whose correlations a page can show."""
 LEAST_CORRELATION = 0.005
 """What two digits show."""
+UNCERTAINTY_OF = "u_"
+"""Begins the name of a column of standard uncertainties, which is printed and not drawn."""
 MOST_CURVES = 8
 MOST_FIGURES = 8
 
@@ -25,7 +27,7 @@ def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
 
     The first column is the abscissa; where rows have names, their number is, and points are not joined.
     """
-    columns = list(table.columns)
+    columns = [one for one in table.columns if not one.name.startswith(UNCERTAINTY_OF)]
     rows = len(columns[0].values)
     if rows < 2:
         return
@@ -60,7 +62,8 @@ def correlations(block: CovarianceBlock, record: CalibrationRecord, caption: str
     if np.abs(correlation - np.eye(count)).max() < LEAST_CORRELATION:
         return None
     symbols = tuple(
-        f"${record.quantity(name).symbol or k}" for k, name in enumerate(block.parameters, start=1)
+        symbol_cell(record.quantity(name).symbol or str(k))
+        for k, name in enumerate(block.parameters, start=1)
     )
     rows = tuple(
         tuple(f"{round(float(value), 2) + 0.0:.2f}" for value in row[: k + 1])

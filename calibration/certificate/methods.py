@@ -22,7 +22,7 @@ def method_words(method: str, say: Say) -> MethodWords:
     """The words of a method; one that is not known here is named, and nothing is claimed of it."""
     known = _METHODS.get(method)
     if known is None:
-        return MethodWords(say(method.replace("_", " ")), "")
+        return MethodWords(say(method.replace("_", " ")), say("no description of this method is held here"))
     return known(say)
 
 
@@ -101,9 +101,8 @@ def _temperature(say: Say) -> MethodWords:
 
 def _magnetometer(say: Say) -> MethodWords:
     return MethodWords(
-        say("attitudes in a known magnetic field: hard iron, soft iron and cross-axis sensitivities"),
-        say("Cheng, Chai & Guo: test system for the GNC module, 2022, eqs. (5)–(9)"),
-        (say("eq. (9) lacks the division by cos α; α is fitted to an ellipse, not read off one sample."),),
+        say("turned all ways in one magnetic field: hard and soft iron from the ellipsoid of the readings"),
+        "",
     )
 
 

@@ -10,7 +10,7 @@ from calibration.certificate.details import CertificateDetails
 from calibration.certificate.document import Block, Facts, Grid, Paragraph, Say, Section, facts
 from calibration.certificate.methods import method_words
 from calibration.certificate.rounding import column, interval, plain, power_of_ten, with_uncertainty
-from calibration.certificate.wording import capital, quantity_words, shown_unit, unit_words
+from calibration.certificate.wording import capital, quantity_words, shown_unit, symbol_cell, unit_words
 from calibration.records.derived_units import derived_conversion_factor
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CalibratedQuantity, RecordTable, TableColumn, TemperatureSpan
@@ -55,7 +55,7 @@ def method_section(record: CalibrationRecord, say: Say, language: str) -> Sectio
     words = method_words(record.method, say)
     rows = [
         (say("Method"), capital(words.title)),
-        (say("Source"), words.source or say("no description of this method is held here")),
+        (say("Source"), words.source),
         *(("" if k else say("Corrected form"), capital(one)) for k, one in enumerate(words.corrections)),
         (say("Model"), record.model.equation or quantity_words(record.model.name, say)),
         *(
@@ -161,12 +161,13 @@ def results_grid(record: CalibrationRecord, details: CertificateDetails, say: Sa
         say("Symbol"),
         say("Value"),
         say("Expanded uncertainty U"),
+        say("Interval"),
         say("Unit of measure"),
         "$k",
         say("Degrees of freedom"),
     )
     rows = tuple(_result(quantity, printed_unit(quantity, details), say) for quantity in record.quantities)
-    return _without_empty_columns(Grid("", headings, rows, "lcrrlrr"))
+    return _without_empty_columns(Grid("", headings, rows, "lcrrrlrr"))
 
 
 def printed_unit(quantity: CalibratedQuantity, details: CertificateDetails) -> str:
@@ -176,21 +177,19 @@ def printed_unit(quantity: CalibratedQuantity, details: CertificateDetails) -> s
 
 
 def _result(quantity: CalibratedQuantity, unit: str, say: Say) -> tuple[str, ...]:
-    low, high = span(quantity)
     factor = derived_conversion_factor(quantity.unit, unit)
-    expanded = quantity.expanded_uncertainty
-    k, freedom = "", ""
-    if expanded is None:
-        assert quantity.interval is not None  # the record refuses a quantity with neither
-        lower, upper, value = interval(low * factor, high * factor, quantity.value * factor)
-        probability = plain(100.0 * quantity.interval.probability, 4)
-        reach = f"[{lower}, {upper}], p = {probability} %"
-    else:
-        value, reach = with_uncertainty(quantity.value * factor, expanded * factor)
+    value, expanded, bounds, k, freedom = quantity.value * factor, "", "", "", ""
+    text = ""
+    if quantity.interval is not None:
+        known = quantity.interval
+        lower, upper, text = interval(known.lower * factor, known.upper * factor, value)
+        bounds = f"[{lower}, {upper}], p = {plain(100.0 * known.probability, 4)} %"
+    if quantity.expanded_uncertainty is not None:
+        text, expanded = with_uncertainty(value, quantity.expanded_uncertainty * factor)
         k = f"{quantity.coverage_factor:.2f}"
         freedom = "∞" if quantity.degrees_of_freedom is None else plain(quantity.degrees_of_freedom, 3)
-    symbol = f"${quantity.symbol}" if quantity.symbol else ""
-    return (capital(quantity_words(quantity.name, say)), symbol, value, reach, unit_words(unit), k, freedom)
+    name = capital(quantity_words(quantity.name, say))
+    return (name, symbol_cell(quantity.symbol), text, expanded, bounds, unit_words(unit), k, freedom)
 
 
 def table_grids(table: RecordTable, digits: int, say: Say, language: str) -> tuple[Grid, ...]:

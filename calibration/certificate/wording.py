@@ -29,6 +29,7 @@ _SPELLINGS = (
     ("gauss", "Gs"),
     ("*", "·"),
 )
+GREEK = {"tau": "τ", "sigma": "σ", "alpha": "α", "omega": "ω", "epsilon": "ε", "phi": "φ", "theta": "θ"}
 _MICRO = re.compile(r"\bu(?=[gTs]\b)")
 _HYPHENATED = re.compile(
     r"\b(cross|single|two|three|multi|g|g2|non) (?=axis|sensitivity|position|orthogonality)"
@@ -48,6 +49,12 @@ def quantity_words(name: str, say: Say) -> str:
 def capital(words: str) -> str:
     """The first letter large."""
     return words[:1].upper() + words[1:]
+
+
+def symbol_cell(symbol: str) -> str:
+    """'tau_x' → '$τ_x', a symbol in a cell of a `Grid`; no symbol, an empty cell."""
+    letter, mark, index = symbol.partition("_")
+    return f"${GREEK.get(letter, letter)}{mark}{index}" if symbol else ""
 
 
 def unit_words(unit: str) -> str:

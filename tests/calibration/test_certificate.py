@@ -115,7 +115,8 @@ def test_results_are_written_as_far_as_they_are_known() -> None:
     assert found["$b_x"][2] == "0.0138"  # 2.41e-4 rad/s = 0.013808 deg/s
     assert found["$b_x"][4] == "°/s"
     found = {row[1]: row for grid in grids(certificate(fog(), NOTHING, "en")) for row in grid.rows}
-    assert found["$τ"][2:5] == ("242.23", "[239.27, 245.19], p = 99 %", "µs")
+    assert found["$τ"][2:6] == ("242.23", "", "[239.27, 245.19], p = 99 %", "µs")
+    assert found["$T_f"][2:5] == ("500.0000", "0.0024", "")
 
 
 def test_the_original_record_gives_the_readings_as_they_were_read() -> None:
