@@ -41,6 +41,7 @@ _TABLE: dict[str, tuple[str, float]] = {
     "T": ("magnetic_flux_density", 1.0),
     "uT": ("magnetic_flux_density", 1e-6),
     "gauss": ("magnetic_flux_density", 1e-4),
+    "uT/sqrt(Hz)": ("magnetic_noise_density", 1e-6),
     "degC": ("temperature", 1.0),
     "degC/min": ("temperature_rate", 1 / 60),
     "V": ("voltage", 1.0),

@@ -202,6 +202,14 @@ def test_units_of_profiles_are_known(profile: ProfileKind) -> None:
     assert [one.name for one in profile.parameters if not is_known_unit(one.unit)] == []
 
 
+def test_the_noise_of_a_magnetometer_is_told() -> None:
+    recording, _ = recording_of("gnc_module", "static", {})
+    told, rest = recording.believed["mag"]["white_noise"], outputs(recording, "mag")
+    assert (told["unit"], told["value"] * 1e-6) == ("uT/sqrt(Hz)", pytest.approx(5e-8 / math.sqrt(200.0)))
+    for axis in range(3):
+        assert densities(rest[:, axis], 0.005)[0] == pytest.approx(told["value"] * 1e-6, rel=0.05)
+
+
 def test_noise_is_the_outputs_wherever_it_is_listed() -> None:
     """White up to half the sampling rate, though the sensor has a pole below it."""
     product = product_named("mems_ahrs")

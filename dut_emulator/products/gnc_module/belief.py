@@ -21,9 +21,9 @@ _KNOWN: dict[SensorName, tuple[str, float, float, str, str]] = {
         *("angle_random_walk", "deg/sqrt(h)"),
     ),
     "acc": ("g", product.ACC_LSB_G, product.ACC_RANGE_G, "velocity_random_walk", "m/s/sqrt(h)"),
-    "mag": ("gauss", product.MAG_LSB_GAUSS, product.MAG_RANGE_GAUSS, "", ""),
+    "mag": ("gauss", product.MAG_LSB_GAUSS, product.MAG_RANGE_GAUSS, "white_noise", "uT/sqrt(Hz)"),
 }
-"""Sensor → unit, quantum, range, word and unit of its white noise."""
+"""Sensor → unit, quantum, range, word and unit of its white noise: the format has none for fields."""
 _SLOW_UNIT: dict[SensorName, str] = {"gyro": "deg/h", "acc": "mg", "mag": "uT"}
 _TURN_ON = {
     "gyro": (product.GYRO_TURN_ON_REPEATABILITY_DEG_H, "deg/h"),
@@ -47,7 +47,7 @@ def _triad(twin: Twin, sensor: SensorName) -> dict[str, Any]:
     for effect in twin.effects:
         if effect.sensor != sensor:
             continue
-        if isinstance(effect, WhiteNoise) and word:
+        if isinstance(effect, WhiteNoise):
             level = _typical(effect.density_si_per_sqrt_hz) / factor_to_si(density_unit)
             said[word] = {"value": level, "unit": density_unit, "unit_spread": NOISE_SPREAD}
         elif isinstance(effect, BiasInstability):
