@@ -49,7 +49,8 @@ class TrueInput:
     """What truly acted at rest on m channels.
 
     Attributes:
-        value: shape (m,), SI.
+        value: shape (m,), SI, as the sensors see it: M times the input where M is known (1e-3 of the Earth
+            rate is 0.015 deg/h).
         standard_uncertainty: shape (m,), SI.
         words: where it comes from.
     """
