@@ -25,6 +25,8 @@ picture is the effect itself, applied to a motion that shows it.
 An effect lies between what acts on a sensor and the numbers that arrive. It is a frozen object of parameters
 with a stage; a chain applies a triad's effects stage by stage, since they do not commute:
 {stages}.
+White noise, which is stated for the output, comes behind the filter, and what is late or jitters before that
+noise: the signal is of another moment, the noise of each sample is its own.
 
 The emulator applies an effect, a diagnosis fits the same object: `basis` is the derivative of `apply`,
 `guess` finds the parameters in a residual. A twin file (`dut_emulator/twin.py`) keeps a unit's effects.
