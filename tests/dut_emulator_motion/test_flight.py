@@ -8,7 +8,7 @@ import pytest
 
 from dut_emulator.motion.course import Course
 from dut_emulator.motion.flight import flight
-from dut_emulator.motion.gravity import height_coefficients, normal_gravity_m_s2
+from dut_emulator.motion.gravity import height_coefficients
 from dut_emulator.motion.path import Path, Step, Steps
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.motion.vehicle_run import drive
@@ -174,14 +174,6 @@ def test_steps_are_smooth_and_add_up() -> None:
     assert series[0, -1] == pytest.approx(3.0)
     assert np.allclose(np.gradient(series[0], times)[2:-2], series[1, 2:-2], atol=2e-3)
     assert np.allclose(np.gradient(steps.integral(times), times)[2:-2], series[0, 2:-2], atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("latitude_deg", "gravity_m_s2"), [(0.0, 9.7803253359), (45.0, 9.8061977694), (90.0, 9.8321849379)]
-)
-def test_normal_gravity_has_the_published_values(latitude_deg: float, gravity_m_s2: float) -> None:
-    """Equator, pole: NIMA TR8350.2, table 3.4; 45° by the formula's hand evaluation."""
-    assert normal_gravity_m_s2(latitude_deg) == pytest.approx(gravity_m_s2, abs=2e-9)
 
 
 def test_gravity_falls_by_the_free_air_gradient() -> None:

@@ -61,15 +61,21 @@ def heated(parameters: cooling.HousingSet, scheme: Cooling, until_s: float) -> n
     return rises[:, :2].max(axis=1)
 
 
+def warmed_up_c(scheme: Cooling, parameters: cooling.HousingSet, until_s: int = 1500) -> np.ndarray:
+    """(n, 7) a warm-up at full load as the product computes it, once a second from 1 s on."""
+    state = ThermalState(cooling.housing(scheme, parameters), AMBIENT_C)
+    return state.advance(AMBIENT_C + np.zeros(until_s), 1.0, cooling.heat_w(5.0, 200.0))
+
+
 @pytest.mark.parametrize(("parameters", "scheme", "rise_k"), FIGURES)
 def test_the_hottest_point_rises_as_in_the_paper(
     parameters: cooling.HousingSet, scheme: Cooling, rise_k: float
 ) -> None:
     rises = heated(parameters, scheme, 2500.0)
     assert rises[-1] == pytest.approx(rise_k, rel=0.1)
-    figures = cooling.thermal_figures(scheme, parameters, AMBIENT_C, 2500.0)
-    np.testing.assert_allclose(figures.infrared_c[:, 0] - AMBIENT_C, rises, atol=0.01)
-    assert figures.infrared_c.argmax(axis=1)[1:].max() == 0, "test point 1 is the hottest"
+    infrared_c = cooling.infrared_points_c(warmed_up_c(scheme, parameters, 2500))
+    np.testing.assert_allclose(infrared_c[:, 0] - AMBIENT_C, rises[1:], atol=0.01)
+    assert np.argmax(infrared_c, axis=1).max() == 0, "test point 1 is the hottest"
 
 
 @pytest.mark.parametrize(("scheme", "settled_s"), [(Cooling.AIR, 800.0), (Cooling.PASTE, 300.0)])
@@ -84,16 +90,17 @@ def test_the_measured_unit_settles_when_the_paper_says(scheme: Cooling, settled_
         assert rises.max() <= 8.0
 
 
+def too_hot(temperatures_c: np.ndarray) -> set[str]:
+    highest_c = zip(cooling.NODES, temperatures_c.max(axis=0), strict=True)
+    return {node for node, highest in highest_c if highest > cooling.RATED_MAXIMUM_C.get(node, np.inf)}
+
+
 def test_what_the_paper_says_of_the_components() -> None:
-    air = cooling.thermal_figures(Cooling.AIR, AS_SIMULATED).exceedances
-    assert {found.node for found in air} >= {"power_chips", "gyro_area"}
-    assert all(found.highest_c > found.rated_c for found in air)
-    assert cooling.thermal_figures(Cooling.PASTE, AS_SIMULATED).exceedances == ()
-    assert cooling.thermal_figures(Cooling.PASTE, AS_MEASURED).exceedances == ()
-    assert cooling.thermal_figures(Cooling.PASTE, AS_MEASURED, 70.0).leaves_calibrated_range
-    assert not cooling.thermal_figures(Cooling.PASTE, AS_MEASURED, 60.0).leaves_calibrated_range
+    assert too_hot(warmed_up_c(Cooling.AIR, AS_SIMULATED)) >= {"power_chips", "gyro_area"}
+    for parameters in (AS_SIMULATED, AS_MEASURED):
+        assert too_hot(warmed_up_c(Cooling.PASTE, parameters)) == set()
     with pytest.raises(TestloomError, match="Scheme 3"):
-        cooling.thermal_figures(Cooling.POTTED, AS_MEASURED)
+        cooling.housing(Cooling.POTTED, AS_MEASURED)
 
 
 def test_masses_and_heat_add_up() -> None:
@@ -104,14 +111,14 @@ def test_masses_and_heat_add_up() -> None:
         for rate_hz in (0.0, 50.0, 200.0):
             drawn_w = volts * cooling.supply_current_a(rate_hz)
             assert cooling.heat_w(volts, rate_hz).sum() == pytest.approx(drawn_w, rel=1e-12)
-    rise = network.steady_c(cooling.heat_w(5.0, 200.0), 20.0)[cooling.CASE] - 20.0
+    rise = np.linalg.solve(network.laplacian_w_k, cooling.heat_w(5.0, 200.0))[cooling.CASE]
     assert rise == pytest.approx(5.0 * cooling.supply_current_a(200.0) / 3.57), "all heat leaves by the case"
 
 
 def test_a_ramp_of_ambient_is_followed_exactly() -> None:
     """One node of 50 J/K behind 0.5 W/K: τ = 100 s; T = r t − r τ (1 − e^(−t/τ)) + P/G (1 − e^(−t/τ))."""
     network = ThermalNetwork({"body": 50.0}, {("body", AMBIENT): 0.5})
-    times = np.arange(1, 601) * 0.7
+    times = np.arange(1, 601, dtype=np.float64) * 0.7
     state = ThermalState(network, 20.0)
     found = state.advance(20.0 + 0.05 * times, 0.7, np.array([2.0]))[:, 0]
     rest = 1.0 - np.exp(-times / 100.0)

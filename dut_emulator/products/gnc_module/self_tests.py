@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.products.gnc_module.defects import MEMORY_WORDS
+from dut_emulator.products.gnc_module.gnss_messages import geodetic_of
 from dut_emulator.products.gnc_module.inertial_sensors import SensorSamples
 from dut_emulator.products.gnc_module.unit_truth import UnitTruth
 from dut_emulator.products.gnc_module.unit_twin import ACC_LSB_M_S2, GYRO_LSB_RAD_S
@@ -44,10 +45,6 @@ GNSS_POSITION_NOISE_M = 0.3
 GNSS_SPEED_NOISE_M_S = 0.005
 GNSS_PULSE_NOISE_S = 2e-9
 
-# WGS 84 (NIMA TR8350.2, table 3.1): turns metres east and north into angles
-_EARTH_RADIUS_M = 6_378_137.0
-_EARTH_ECCENTRICITY_SQUARED = 6.694379990141e-3
-
 
 def cpu_values() -> bytes:
     """Operations done and wrong."""
@@ -78,20 +75,14 @@ def gnss_values(truth: UnitTruth, rng: np.random.Generator) -> bytes:
     receiver = truth.gnss
     if not receiver.acquires:
         return GNSS_VALUES.pack(0, receiver.satellites_used, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    east, north, up = np.asarray(receiver.position_error_m) + GNSS_POSITION_NOISE_M * rng.standard_normal(3)
-    latitude = math.radians(GNSS_ANTENNA_LATITUDE_DEG)
-    curvature = 1 - _EARTH_ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
-    prime_vertical_m = _EARTH_RADIUS_M / math.sqrt(curvature)
-    meridian_m = prime_vertical_m * (1 - _EARTH_ECCENTRICITY_SQUARED) / curvature
-    height_m = GNSS_ANTENNA_HEIGHT_M
+    position_m = np.asarray(receiver.position_error_m) + GNSS_POSITION_NOISE_M * rng.standard_normal(3)
+    antenna = math.radians(GNSS_ANTENNA_LATITUDE_DEG), math.radians(GNSS_ANTENNA_LONGITUDE_DEG)
+    place = geodetic_of(position_m[np.newaxis, :], *antenna, GNSS_ANTENNA_HEIGHT_M)
     return GNSS_VALUES.pack(
         3,
         receiver.satellites_used,
         0,
-        latitude + float(north) / (meridian_m + height_m),
-        math.radians(GNSS_ANTENNA_LONGITUDE_DEG)
-        + float(east) / ((prime_vertical_m + height_m) * math.cos(latitude)),
-        height_m + float(up),
+        *(float(part[0]) for part in place),
         abs(receiver.speed_error_m_s + GNSS_SPEED_NOISE_M_S * float(rng.standard_normal())),
         receiver.pulse_error_s + GNSS_PULSE_NOISE_S * float(rng.standard_normal()),
     )

@@ -23,9 +23,8 @@ from enum import Enum
 import numpy as np
 
 from dut_emulator.effects.effect import FloatArray
-from dut_emulator.products.mems_ahrs.thermal_network import AMBIENT, ThermalNetwork, ThermalState
+from dut_emulator.products.mems_ahrs.thermal_network import AMBIENT, ThermalNetwork
 from protocol.errors import Fault, TestloomError
-from protocol.mems_ahrs import CALIBRATED_RANGE_C
 
 NODES = ("processor", "power_chips", "board", "gyro_area", "acc_area", "filling", "case")
 PROCESSOR, POWER_CHIPS, BOARD, GYRO_AREA, ACC_AREA, FILLING, CASE = range(len(NODES))
@@ -93,7 +92,18 @@ _BOARD_TO_SENSORS_K_W = (11.3, 11.6)
 
 
 def housing(cooling: Cooling, parameters: HousingSet) -> ThermalNetwork:
-    """The network of a scheme."""
+    """The network of a scheme.
+
+    Raises:
+        TestloomError: the paper has no figures of this scheme in this set.
+    """
+    if cooling not in parameters.schemes:
+        raise TestloomError(
+            f"Scheme {cooling.value} was not part of the set '{parameters.name}'.",
+            where="cooling of a mems_ahrs",
+            fault=Fault.OPERATOR,
+            remedy="take scheme 1 or 2, or the set as_simulated.",
+        )
     chips = NODES[:BOARD]
     potted = cooling is Cooling.POTTED
     filling_w_mk = _POTTING_W_MK if potted else _AIR_W_MK
@@ -155,66 +165,3 @@ def infrared_points_c(temperatures_c: FloatArray) -> FloatArray:
     """
     hottest = temperatures_c[:, [PROCESSOR, POWER_CHIPS]].max(axis=1)
     return np.stack([hottest, temperatures_c[:, GYRO_AREA], temperatures_c[:, ACC_AREA]], axis=1)
-
-
-@dataclass(frozen=True)
-class Exceedance:
-    """A component that was above its rated maximum."""
-
-    node: str
-    highest_c: float
-    rated_c: float
-
-
-def exceedances(temperatures_c: FloatArray) -> tuple[Exceedance, ...]:
-    """Components that (n, 7) temperatures take above their maximum."""
-    highest = temperatures_c.max(axis=0)
-    return tuple(
-        Exceedance(node, float(highest[NODES.index(node)]), rated)
-        for node, rated in RATED_MAXIMUM_C.items()
-        if highest[NODES.index(node)] > rated
-    )
-
-
-@dataclass(frozen=True)
-class ThermalFigures:
-    """A warm-up: `temperature_c` (n, 7) in the order of `NODES`, `infrared_c` (n, 3) at the test points."""
-
-    time_s: FloatArray
-    temperature_c: FloatArray
-    infrared_c: FloatArray
-    exceedances: tuple[Exceedance, ...]
-
-    @property
-    def leaves_calibrated_range(self) -> bool:
-        """Whether a sensor's area goes where no calibration holds."""
-        sensors = self.infrared_c[:, 1:]
-        return bool(sensors.min() < CALIBRATED_RANGE_C[0] or sensors.max() > CALIBRATED_RANGE_C[1])
-
-
-def thermal_figures(
-    cooling: Cooling, parameters: HousingSet, ambient_c: float = 70.0, until_s: float = 1500.0
-) -> ThermalFigures:
-    """A warm-up at full load, as in figures 4, 6 and 7 of paper 2; one point a second.
-
-    Raises:
-        TestloomError: the paper has no figures of this scheme in this set.
-    """
-    if cooling not in parameters.schemes:
-        raise TestloomError(
-            f"Scheme {cooling.value} was not part of the set '{parameters.name}'.",
-            where="thermal figures",
-            fault=Fault.OPERATOR,
-            remedy="take scheme 1 or 2, or the set as_simulated.",
-        )
-    state = ThermalState(housing(cooling, parameters), ambient_c)
-    count = int(until_s)
-    first = state.temperatures_c[np.newaxis, :]
-    rest = state.advance(np.full(count, ambient_c), 1.0, heat_w(5.0, FULL_LOAD_RATE_HZ))
-    temperature_c = np.concatenate([first, rest])
-    return ThermalFigures(
-        np.arange(count + 1, dtype=np.float64),
-        temperature_c,
-        infrared_points_c(temperature_c),
-        exceedances(temperature_c),
-    )

@@ -60,10 +60,6 @@ class ThermalNetwork:
         rates, vectors = np.linalg.eigh(self.laplacian_w_k / np.outer(root, root))
         return rates, vectors.T * root, vectors / root[:, np.newaxis]
 
-    def steady_c(self, power_w: FloatArray, ambient_c: float) -> FloatArray:
-        """(m,) temperatures in the end."""
-        return np.asarray(ambient_c + np.linalg.solve(self.laplacian_w_k, power_w), dtype=np.float64)
-
 
 class ThermalState:
     """The temperatures of a network from one moment on; all at ambient to begin with."""
