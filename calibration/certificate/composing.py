@@ -249,7 +249,7 @@ def _budget_grid(budget: RecordedBudget, record: CalibrationRecord, say: Say, la
         "$c_i",
         f"|c u|, {unit_words(unit)}" if unit != "1" else "|c u|",
         "ν",
-        say("Part of the variance, %"),
+        say("Part, %"),
     )
     title = capital(quantity_words(budget.result, say))
     return Grid(title, headings, (*rows, total), "lrlrlrrrl", translated(budget.note, language))

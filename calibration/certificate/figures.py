@@ -8,7 +8,7 @@ import numpy as np
 from calibration.certificate.charts import Curve, curves_chart
 from calibration.certificate.document import Correlations, Say
 from calibration.certificate.sections import axis_label, shown_column
-from calibration.certificate.wording import capital, quantity_words, symbol_cell, unit_words
+from calibration.certificate.wording import UNCERTAINTY_OF, capital, quantity_words, symbol_cell, unit_words
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CovarianceBlock, RecordTable
 
@@ -16,8 +16,6 @@ MOST_CORRELATED = 15
 """Parameters whose correlations a page can show."""
 LEAST_CORRELATION = 0.005
 """What two digits show."""
-UNCERTAINTY_OF = "u_"
-"""Begins the name of a column of standard uncertainties, which is printed and not drawn."""
 MOST_CURVES = 8
 MOST_FIGURES = 8
 
@@ -25,7 +23,8 @@ MOST_FIGURES = 8
 def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
     """A chart for each unit of measure in a table.
 
-    The first column is the abscissa; where rows have names, their number is, and points are not joined.
+    Uncertainties are printed and not drawn. The first column is the abscissa; where rows have names,
+    their number is, and points are not joined.
     """
     columns = [one for one in table.columns if not one.name.startswith(UNCERTAINTY_OF)]
     rows = len(columns[0].values)

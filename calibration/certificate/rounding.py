@@ -35,7 +35,10 @@ def interval(lower: float, upper: float, value: float) -> tuple[str, str, str]:
         return plain(lower, 7), plain(upper, 7), plain(value, 7)
     last = _last_place(half_width, INTERVAL_DIGITS)
     exponent = _exponent(max(abs(lower), abs(upper), abs(value)), last)
-    return _written(lower, last, exponent), _written(upper, last, exponent), _written(value, last, exponent)
+    low, high, between = (
+        "0" if one == 0.0 else _written(one, last, exponent) for one in (lower, upper, value)
+    )
+    return low, high, between
 
 
 def plain(value: float, digits: int) -> str:
@@ -83,7 +86,8 @@ def _decimals(value: float) -> int:
 
 def _exponent(largest: float, last: int) -> int:
     """0 where numbers up to `largest` are written out to the place `last`, else their power of ten."""
-    order = math.floor(math.log10(largest))
+    rounded = Decimal(repr(largest)).quantize(Decimal(1).scaleb(last), ROUND_HALF_EVEN)
+    order = (rounded or Decimal(repr(largest))).adjusted()
     if LEAST_PLAIN <= order < MOST_PLAIN and -MOST_PLACES <= last <= 0:
         return 0
     return order

@@ -47,7 +47,10 @@ def item_section(record: CalibrationRecord, details: CertificateDetails, say: Sa
 
 def sensor_words(sensor: str, say: Say) -> str:
     """The sensor's name for people."""
-    return say(SENSORS[sensor]) if sensor in SENSORS else capital(quantity_words(sensor, say))
+    kind, _, axis = sensor.partition("_")
+    if kind not in SENSORS:
+        return capital(quantity_words(sensor, say))
+    return f"{say(SENSORS[kind])} {axis}".strip()
 
 
 def method_section(record: CalibrationRecord, say: Say, language: str) -> Section:

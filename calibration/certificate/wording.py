@@ -29,6 +29,8 @@ _SPELLINGS = (
     ("gauss", "Gs"),
     ("*", "·"),
 )
+UNCERTAINTY_OF = "u_"
+"""Begins the name of a column of standard uncertainties."""
 GREEK = {"tau": "τ", "sigma": "σ", "alpha": "α", "omega": "ω", "epsilon": "ε", "phi": "φ", "theta": "θ"}
 _MICRO = re.compile(r"\bu(?=[gTs]\b)")
 _HYPHENATED = re.compile(
@@ -39,6 +41,8 @@ _SINGLE = re.compile(r"\(([^()/√^ ]+)\)")
 
 def quantity_words(name: str, say: Say) -> str:
     """'cross_axis_sensitivity_xy' → 'cross-axis sensitivity xy', or what the catalogue has for it."""
+    if name.startswith(UNCERTAINTY_OF):
+        return f"u({quantity_words(name.removeprefix(UNCERTAINTY_OF), say)})"
     found = _PARTS.fullmatch(name)
     if found is None:
         return name.replace("_", " ")
@@ -47,8 +51,8 @@ def quantity_words(name: str, say: Say) -> str:
 
 
 def capital(words: str) -> str:
-    """The first letter large."""
-    return words[:1].upper() + words[1:]
+    """The first letter large, unless it is a symbol: 'u(bias x)'."""
+    return words if words[1:2] == "(" else words[:1].upper() + words[1:]
 
 
 def symbol_cell(symbol: str) -> str:

@@ -5,6 +5,7 @@ import json
 import re
 import zlib
 from datetime import date
+from pathlib import Path
 
 import pytest
 
@@ -289,3 +290,10 @@ def test_units_are_written_as_people_write_them(unit: str, written: str) -> None
 )
 def test_angles_are_shown_in_degrees(unit: str, shown: str) -> None:
     assert shown_unit(unit) == shown
+
+
+def test_the_documented_details_are_details() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "certificates.md").read_text(encoding="utf-8")
+    found = parse_details(page.split("```yaml\n")[1].split("```")[0], "docs/certificates.md")
+    assert set(found.tolerances) == {"scale_factor_nonlinearity", "bias"}
+    assert found.standards[0].calibration_due == date(2026, 8, 14)

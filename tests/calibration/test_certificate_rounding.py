@@ -46,6 +46,7 @@ def test_rounding_moves_a_value_by_less_than_a_twentieth_of_its_uncertainty(valu
 
 def test_intervals_and_columns_end_at_one_place() -> None:
     assert interval(239.27, 245.19, 242.23) == ("239.27", "245.19", "242.23")
+    assert interval(0.0, 0.00254, 0.0) == ("0", "0.00254", "0")
     assert column([1.0, 2.5, -3.123456789], 5) == (("1.0000", "2.5000", "−3.1235"), 0)
     assert column([5.0693, 5.0655, 0.0], 7) == (("5.0693", "5.0655", "0.0000"), 0)
     assert column([1e-6, -2.2222e-7], 4) == (("1.000", "−0.222"), -6)
@@ -54,7 +55,14 @@ def test_intervals_and_columns_end_at_one_place() -> None:
 
 @pytest.mark.parametrize(
     ("value", "digits", "written"),
-    [(0.1, 6, "0.1"), (100.0, 5, "100"), (1.23e-9, 3, "1.23 × 10⁻⁹"), (-2.0, 3, "−2"), (0.0, 3, "0")],
+    [
+        (0.1, 6, "0.1"),
+        (100.0, 5, "100"),
+        (1.23e-9, 3, "1.23 × 10⁻⁹"),
+        (9.99997e-7, 5, "1.0000 × 10⁻⁶"),
+        (-2.0, 3, "−2"),
+        (0.0, 3, "0"),
+    ],
 )
 def test_a_number_alone_has_no_zeros_that_say_nothing(value: float, digits: int, written: str) -> None:
     assert plain(value, digits) == written
