@@ -105,6 +105,11 @@ def rate_gyro_content(
             _table(
                 "readings",
                 ("rate", "rad/s", readings.points.rate_rad_s),
+                *(
+                    (f"{way}_{cycle}", "V", stroke)
+                    for cycle, strokes in enumerate(zip(readings.up_v, readings.down_v, strict=True), start=1)
+                    for way, stroke in zip(("up", "down"), strokes, strict=True)
+                ),
                 ("mean_output", "V", readings.mean_v),
                 ("residual", "V", line.residual_v),
             ),

@@ -141,3 +141,17 @@ def test_every_method_has_words(language: str) -> None:
         words = method_words(recorded(name).method, speaker(language))
         assert words.title
         assert words.source != unknown
+
+
+def test_the_original_record_of_a_rate_gyro_has_every_stroke() -> None:
+    document = original_record(recorded("rate_gyro"), CertificateDetails(), "en")
+    grids = [block for section in document.sections for block in section.blocks if isinstance(block, Grid)]
+    (readings,) = [grid for grid in grids if grid.title == "Readings"]
+    strokes = len(PAPER_RUNS.up_v)
+    assert len(readings.rows) == 11
+    assert [heading for heading in readings.headings if re.match("(Up|Down) ", heading)] == [
+        f"{way} {cycle}, V" for cycle in range(1, strokes + 1) for way in ("Up", "Down")
+    ]
+    column = readings.headings.index("Down 2, V")
+    written = [float(row[column].replace("−", "-")) for row in readings.rows]
+    np.testing.assert_allclose(written, PAPER_RUNS.down_v[1], atol=1e-6)
