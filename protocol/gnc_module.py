@@ -1,9 +1,8 @@
 """What a `gnc_module` says on its RS-422 link: commands, replies, raw samples, product constants.
 
-A frame's layout is in `protocol/frames.py`. A reply's type is its command's type with bit 7 set and
-its sequence is the command's; the first payload byte of every reply is a `ReplyStatus`. A self-test
-is answered twice: at once with ACCEPTED (or BUSY, UNKNOWN), and with DONE and its values when it has
-run its fixed time. All numbers are little endian. The product follows paper 1, Tables 1 and 3.
+A frame's layout is in `protocol/frames.py`, what commands have in common in `protocol/unit_commands.py`. A
+self-test is answered twice: at once with ACCEPTED (or BUSY, UNKNOWN), and with DONE and its values when it
+has run its fixed time. All numbers are little endian. The product follows paper 1, Tables 1 and 3.
 """
 
 import struct
@@ -11,6 +10,14 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
+
+from protocol.unit_commands import (  # noqa: F401 - part of what this product says
+    COEFFICIENTS_LAYOUT,
+    IDENTITY_LAYOUT,
+    REPLY_BIT,
+    START_STREAM_LAYOUT,
+    ReplyStatus,
+)
 
 BAUD_RATE = 921_600
 
@@ -29,20 +36,6 @@ class FrameType(IntEnum):
     FORWARD_GNSS = 0x09
     STREAM_SAMPLE = 0x20
     GNSS_DATA = 0x21
-
-
-REPLY_BIT = 0x80
-
-
-class ReplyStatus(IntEnum):
-    """First byte of every reply."""
-
-    DONE = 0
-    ACCEPTED = 1
-    BUSY = 2
-    UNKNOWN = 3
-    INVALID = 4
-    FLASH_ERROR = 5
 
 
 class SelfTest(IntEnum):
@@ -170,18 +163,11 @@ class Sensor(IntEnum):
     ACC = 1
 
 
-IDENTITY_LAYOUT = struct.Struct("<B32s16s16s")
-"""Reply to IDENTIFY: status, serial, firmware version, hardware revision (ASCII, zero padded)."""
 SELF_TEST_LAYOUT = struct.Struct("<BI")
 SELF_TEST_REPLY_HEAD = struct.Struct("<BBI")
-START_STREAM_LAYOUT = struct.Struct("<HB")
-"""Rate in Hz, flags (bit 0: compensated)."""
 FORWARD_GNSS_LAYOUT = struct.Struct("<BB")
 """Rate in Hz (0 ends it), protocols (`GnssProtocol`). From then on each epoch's bytes, as the receiver sends
 them (`protocol.gnss`), are the payload of one GNSS_DATA, whose sequence counts the epochs."""
-COEFFICIENTS_LAYOUT = struct.Struct("<B9d3d")
-"""WRITE_COEFFICIENTS: sensor, K row by row (dimensionless), bias (rad/s or m/s²): u = K (y − b).
-The reply to READ_COEFFICIENTS is the status byte followed by the same."""
 
 CPU_VALUES = struct.Struct("<II")
 TIMER_VALUES = struct.Struct("<I")

@@ -1,8 +1,8 @@
 """What a `mems_ahrs` says on its RS-422 link: commands, replies, samples, product constants.
 
-A frame's layout is in `protocol/frames.py`; types, replies and their first byte are as a `gnc_module`'s
-(`protocol/gnc_module.py`), so that a driver of one can talk to the other. A reply's type is its command's
-with bit 7 set, its sequence is the command's. All numbers are little endian. The product follows paper 2.
+A frame's layout is in `protocol/frames.py`, what commands have in common in `protocol/unit_commands.py`;
+types are as a `gnc_module`'s, so that a driver of one can talk to the other. All numbers are little endian.
+The product follows paper 2.
 
 The unit corrects a triad's output N by u = K (N − σ(N, T) − b): K and b of room temperature (coefficients),
 σ_i = a_i N_i² + b_i N_i + c_i with a, b, c in nodes over temperature, straight between them, held beyond the
@@ -14,8 +14,15 @@ from enum import IntEnum, IntFlag
 
 import numpy as np
 
+from protocol.unit_commands import (  # noqa: F401 - part of what this product says
+    COEFFICIENTS_LAYOUT,
+    IDENTITY_LAYOUT,
+    REPLY_BIT,
+    START_STREAM_LAYOUT,
+    ReplyStatus,
+)
+
 BAUD_RATE = 460_800
-REPLY_BIT = 0x80
 STREAM_RATES_HZ = (50, 100, 200)
 BOOT_DURATION_S = 0.5
 SUPPLY_NOMINAL_V = 5.0
@@ -43,17 +50,6 @@ class FrameType(IntEnum):
     ERASE_NODES = 0x0B
     STATUS = 0x0C
     STREAM_SAMPLE = 0x20
-
-
-class ReplyStatus(IntEnum):
-    """First byte of every reply."""
-
-    DONE = 0
-    ACCEPTED = 1
-    BUSY = 2
-    UNKNOWN = 3
-    INVALID = 4
-    FLASH_ERROR = 5
 
 
 class Sensor(IntEnum):
@@ -100,13 +96,6 @@ SAMPLE_DTYPE = np.dtype(
 """Payload of STREAM_SAMPLE. `time_us`: the unit's clock since power-on, at the sampling instant; `temp`: the
 mean of the two triads'; `attitude`: roll, pitch, yaw."""
 
-IDENTITY_LAYOUT = struct.Struct("<B32s16s16s")
-"""Reply to IDENTIFY: status, serial, firmware version, hardware revision (ASCII, zero padded)."""
-START_STREAM_LAYOUT = struct.Struct("<HB")
-"""Rate in Hz, flags (bit 0: compensated)."""
-COEFFICIENTS_LAYOUT = struct.Struct("<B9d3d")
-"""WRITE_COEFFICIENTS: sensor, K row by row (dimensionless), bias (rad/s or m/s²).
-The reply to READ_COEFFICIENTS is the status byte followed by the same."""
 NODE_LAYOUT = struct.Struct("<BBd9d")
 """WRITE_NODE: sensor, index, temperature °C, then a (1/SI), b, c (SI) of x, of y, of z. The index is that of
 a node to be replaced or the next free one; temperatures must ascend. READ_NODE asks with sensor and index;

@@ -8,7 +8,7 @@ answered; one of unknown type gets UNKNOWN, one of wrong length or values INVALI
 from collections.abc import Iterator
 
 from protocol.frames import Frame, FrameParser, encode_frame
-from protocol.gnc_module import IDENTITY_LAYOUT, REPLY_BIT, ReplyStatus
+from protocol.unit_commands import IDENTITY_LAYOUT, REPLY_BIT, ReplyStatus
 
 REPLY_LATENCY_S = 0.5e-3
 FLASH_WRITE_S = 20e-3
