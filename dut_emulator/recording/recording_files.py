@@ -67,6 +67,8 @@ def write_recording(
             )
             writers.append(open_forms.enter_context(writer))
         record_to(session, writers, progress, chunk_samples)
+        for path in paths.values():
+            refuse_existing(path)  # somebody else may have been quicker: two halves would be one recording
     return [*paths.values(), *([truth] if truth is not None else [])]
 
 

@@ -8,6 +8,7 @@ finds everything (`mcap_file`).
 import contextlib
 import json
 import os
+import secrets
 from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from io import BufferedWriter
@@ -43,9 +44,10 @@ class McapRecordingWriter:
             writer.append("dut", {"t": …, "gyro_x": …})
         reference = writer.reference
 
-    The file appears under its name when it is closed, whole; until then it is `<name>.part`. Leaving
-    the `with` block by an exception discards it. Samples are written as they come: what is wrong with
-    their times is found when the recording is read.
+    The file appears under its name when it is closed, whole; until then it is `<name>.….part`, where
+    two that write at once are not in each other's way. Leaving the `with` block by an exception
+    discards it. Samples are written as they come: what is wrong with their times is found when the
+    recording is read.
     """
 
     def __init__(self, path: Path | str, description: Recording) -> None:
@@ -60,7 +62,7 @@ class McapRecordingWriter:
             RecordingError: a stream has a type or unit that cannot be kept, or the disk refuses.
         """
         self._path = Path(path)
-        self._unfinished = self._path.with_name(f"{self._path.name}.part")
+        self._unfinished = self._path.with_name(f"{self._path.name}.{secrets.token_hex(4)}.part")
         self._layouts = _layouts(description)
         self._time_units = {
             name: (stream.time, factor_to_si(stream.units[stream.time]))

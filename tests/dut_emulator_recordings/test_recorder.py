@@ -190,6 +190,21 @@ def test_a_unit_that_fails_in_the_middle_leaves_no_file(plain, tmp_path, monkeyp
     assert list(tmp_path.iterdir()) == [tmp_path / "out"]
 
 
+def test_the_quicker_of_two_recordings_of_one_name_stays_as_it_is(plain, tmp_path):
+    slow = RecordingSession(RecordingOrder(plain, "plain_spin"))
+    quick = RecordingSession(RecordingOrder(plain, "plain_spin", seed=2))
+
+    def overtake(reached_s: float) -> None:
+        if reached_s >= slow.duration_s and not (tmp_path / quick.description.recording_id).exists():
+            write_recording(quick, tmp_path)
+
+    with pytest.raises(TestloomError, match="something of this name already"):
+        write_recording(slow, tmp_path, progress=overtake)
+    name = quick.description.recording_id
+    assert {path.name for path in tmp_path.iterdir()} == {name, f"{name}.mcap"}
+    assert equal_recordings(read_recording(tmp_path / name), read_recording(tmp_path / f"{name}.mcap"))
+
+
 def test_clocks_started_by_hand_look_like_an_error_of_attitude():
     """Paper 2, swing test: 13 ms at 200 °/s are 2.6°, beside which the unit's own error disappears."""
     angles = []

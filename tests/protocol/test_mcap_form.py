@@ -1,7 +1,9 @@
 """The MCAP form against the mcap library's own reader and a protobuf decoder built from the schema."""
 
+import dataclasses
 import hashlib
 import os
+import re
 from io import BytesIO
 
 import numpy as np
@@ -115,7 +117,8 @@ def test_a_long_run_is_written_piece_by_piece(tmp_path, small_chunks):
             for name, stream in recording.streams.items():
                 piece = {column: samples[start : start + 7] for column, samples in stream.columns.items()}
                 writer.append(name, piece)
-        assert os.listdir(tmp_path) == ["pieces.mcap.part"]
+        (unfinished,) = os.listdir(tmp_path)
+        assert re.fullmatch(r"pieces\.mcap\.\w+\.part", unfinished)
     assert os.listdir(tmp_path) == ["pieces.mcap"]
     assert equal_recordings(read_mcap(tmp_path / "pieces.mcap"), recording)
     assert writer.reference.sample_count == 450
@@ -145,6 +148,19 @@ def test_an_interrupted_recording_leaves_nothing(tmp_path):
     with pytest.raises(KeyError):
         station_that_stops()
     assert os.listdir(tmp_path) == []
+
+
+def test_two_that_write_one_name_at_once_are_not_in_each_others_way(tmp_path):
+    recording = sample_recording()
+    slow_one = dataclasses.replace(without_samples(recording), recording_id="another")
+    slow = McapRecordingWriter(tmp_path / "r.mcap", slow_one)
+    with McapRecordingWriter(tmp_path / "r.mcap", without_samples(recording)) as quick:
+        for name, stream in recording.streams.items():
+            slow.append(name, stream.columns)
+            quick.append(name, stream.columns)
+    slow.discard()
+    assert equal_recordings(read_recording(tmp_path / "r.mcap"), recording)
+    assert os.listdir(tmp_path) == ["r.mcap"]
 
 
 def test_a_full_disk_leaves_nothing(tmp_path, small_chunks, fill_disk):
