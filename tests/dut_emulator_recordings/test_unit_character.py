@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dut_emulator.effects.catalogue import effect_named
+from dut_emulator.products.catalogue import product_named
 from dut_emulator.recording import unit_character
 from dut_emulator.twin import Twin
 
@@ -59,6 +60,16 @@ def test_a_step_comes_after_the_delay_and_rises_with_the_time_constant(sensor: s
     since_s = np.maximum(times_s - delay_s, 0.0)
     closed = np.repeat((1 - np.exp(-since_s / tau_s))[:, np.newaxis], 3, axis=1)
     np.testing.assert_allclose(answer, closed, atol=0.01)  # one sample of 20 µs is 0.005 of a time constant
+
+
+def test_a_unit_without_bandwidth_answers_a_step_with_a_step() -> None:
+    twin = product_named("gnc_module").twin(1, "U-0001")
+    for sensor in unit_character.triads(twin):
+        times_s, answer = unit_character.step_response(twin, sensor)
+        late, early = answer[times_s >= 0.0], answer[times_s < -1e-9]
+        np.testing.assert_array_equal(early, 0.0)
+        np.testing.assert_allclose(late, np.broadcast_to(late[-1], late.shape), rtol=1e-12)
+        np.testing.assert_allclose(late[-1], 1.0, atol=0.02)  # scale factor
 
 
 def test_the_triads_are_those_that_have_effects() -> None:
