@@ -18,9 +18,12 @@ class MethodWords:
     corrections: tuple[str, ...] = ()
 
 
-def method_words(method: str, say: Say) -> MethodWords:
-    """The words of a method; one that is not known here is named, and nothing is claimed of it."""
-    known = _METHODS.get(method)
+def method_words(method: str, model: str, say: Say) -> MethodWords:
+    """The words of a method, or of a model of it that has its own.
+
+    A method that is not known here is named, and nothing is claimed of it.
+    """
+    known = _OF_MODELS.get((method, model)) or _METHODS.get(method)
     if known is None:
         return MethodWords(say(method.replace("_", " ")), say("no description of this method is held here"))
     return known(say)
@@ -106,6 +109,14 @@ def _magnetometer(say: Say) -> MethodWords:
     )
 
 
+def _spin(say: Say) -> MethodWords:
+    return MethodWords(
+        say("spun in one magnetic field: zeros, sensitivity ratio and orthogonality of two channels"),
+        say("Cheng, Chai & Guo: test system for the GNC module, 2022, eqs. (5)–(9)"),
+        (say("eq. (9) lacks the division by cos α; α is fitted to an ellipse, not read off one sample."),),
+    )
+
+
 def _allan(say: Say) -> MethodWords:
     return MethodWords(
         say("Allan variance of a record at rest: coefficients of the noise terms"),
@@ -113,6 +124,7 @@ def _allan(say: Say) -> MethodWords:
     )
 
 
+_OF_MODELS = {("magnetometer", "spin"): _spin}
 _METHODS = {
     "imu_calibration": _imu_calibration,
     "ferraris": _ferraris,

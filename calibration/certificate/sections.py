@@ -55,7 +55,7 @@ def sensor_words(sensor: str, say: Say) -> str:
 
 def method_section(record: CalibrationRecord, say: Say, language: str) -> Section:
     """Method, its source and what is corrected in it, model, frames, where the result holds."""
-    words = method_words(record.method, say)
+    words = method_words(record.method, record.model.name, say)
     rows = [
         (say("Method"), capital(words.title)),
         (say("Source"), words.source),

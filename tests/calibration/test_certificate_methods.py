@@ -136,11 +136,14 @@ def test_the_widest_records_can_be_set(name: str) -> None:
 
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_every_method_has_words(language: str) -> None:
-    unknown = method_words("no_such", speaker(language)).source
+    say = speaker(language)
+    unknown = method_words("no_such", "none", say).source
     for name in FOUND:
-        words = method_words(recorded(name).method, speaker(language))
+        record = recorded(name)
+        words = method_words(record.method, record.model.name, say)
         assert words.title
         assert words.source != unknown
+    assert method_words("magnetometer", "spin", say) != method_words("magnetometer", "ellipsoid", say)
 
 
 def test_the_original_record_of_a_rate_gyro_has_every_stroke() -> None:
