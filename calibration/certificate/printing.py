@@ -47,7 +47,10 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
     needs_chinese = any(ord(letter) >= FIRST_CHINESE for letter in words)
     fonts = [LATIN_FAMILY, SYMBOL_FAMILY]
     if needs_chinese:
-        fonts.insert(1, _chinese_family(document, _installed() if installed is None else installed))
+        fonts.insert(
+            1,
+            _chinese_family(document, _fonts(of_machine=True).families() if installed is None else installed),
+        )
     layout = resources.files("calibration.certificate").joinpath("layout.typ").read_bytes()
     files = {
         "main.typ": layout,
@@ -60,7 +63,7 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
     try:
         return typst.compile(
             files,  # pyright: ignore[reportArgumentType] - the stub forgets files by name
-            ignore_system_fonts=not needs_chinese,
+            font_paths=_fonts(of_machine=needs_chinese),
             pdf_standards=STANDARD,
             format="pdf",
         )
@@ -75,9 +78,10 @@ def qr_svg(payload: str) -> str:
     return drawn.getvalue().decode()
 
 
-@lru_cache(maxsize=1)
-def _installed() -> tuple[str, ...]:
-    return tuple(typst.Fonts(include_embedded_fonts=False).families())
+@lru_cache(maxsize=2)
+def _fonts(of_machine: bool) -> typst.Fonts:
+    """Those that the typesetter carries, with those of the machine where wanted: looking takes a while."""
+    return typst.Fonts(include_system_fonts=of_machine)
 
 
 def _chinese_family(document: Document, installed: Sequence[str]) -> str:

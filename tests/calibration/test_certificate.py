@@ -6,6 +6,7 @@ import re
 import zlib
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -227,17 +228,18 @@ def test_a_letter_that_no_font_has_is_refused_and_not_printed_as_a_box() -> None
 
 
 def test_english_needs_no_font_of_the_machine(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bool] = []
+    given: list[set[str]] = []
     compile_ = printing.typst.compile
 
-    def spy(files: object, **options: object) -> bytes:
-        asked.append(bool(options["ignore_system_fonts"]))
+    def spy(files: object, **options: Any) -> bytes:
+        given.append(set(options["font_paths"].families()))
         return compile_(files, **options)  # type: ignore[call-overload,no-any-return]
 
     monkeypatch.setattr(printing.typst, "compile", spy)
     record = rate_gyro_triad()
     printed(certificate(record, DETAILS, "en"), record.canonical_json())
-    assert asked == [True]
+    assert {printing.LATIN_FAMILY, printing.SYMBOL_FAMILY} <= given[0]
+    assert given[0] == set(printing.typst.Fonts(include_system_fonts=False).families())
 
 
 def test_a_customers_name_is_text_and_never_markup() -> None:
