@@ -7,6 +7,7 @@ machine. Chinese is set in a font of the machine, found by name. A letter that n
 
 import io
 import json
+import re
 from collections.abc import Sequence
 from functools import lru_cache
 from importlib import resources
@@ -68,7 +69,7 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
             format="pdf",
         )
     except typst.TypstError as error:
-        raise _refused(f"The page cannot be set: {error.args[0]}.", document) from None
+        raise _unprintable(str(error.args[0]), document) from None
 
 
 def qr_svg(payload: str) -> str:
@@ -88,14 +89,21 @@ def _chinese_family(document: Document, installed: Sequence[str]) -> str:
     for family in CHINESE_FAMILIES:
         if family in installed:
             return family
-    raise _refused("This machine has no font for Chinese.", document)
-
-
-def _refused(what: str, document: Document) -> CalibrationError:
-    return CalibrationError(
-        what,
+    raise CalibrationError(
+        "This machine has no font for Chinese.",
         where=document.number,
         fault=Fault.OPERATOR,
-        remedy="install a font that has these letters; on Debian: apt-get install fonts-noto-cjk "
-        "or fonts-wqy-microhei.",
+        remedy="install one; on Debian: apt-get install fonts-noto-cjk or fonts-wqy-microhei.",
+    )
+
+
+def _unprintable(why: str, document: Document) -> CalibrationError:
+    letters = re.search(r"the text `\"(.*)\"` could not be displayed", why)
+    if letters is None:
+        return CalibrationError(f"The page cannot be set: {why}.", where=document.number)
+    return CalibrationError(
+        f"No font has the letters '{letters[1]}'.",
+        where=document.number,
+        fault=Fault.OPERATOR,
+        remedy="write them otherwise in the details or the record, or install a font that has them.",
     )
