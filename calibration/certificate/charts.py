@@ -44,10 +44,12 @@ class Curve:
     y: tuple[float, ...]
 
 
-def curves_chart(curves: Sequence[Curve], x_label: str, y_label: str, by_row: bool = False) -> str:
+def curves_chart(
+    curves: Sequence[Curve], x_label: str, y_name: str, y_unit: str, by_row: bool = False
+) -> str:
     """Curves over one abscissa; axes over more than two decades of positive numbers are logarithmic.
 
-    `by_row`: the abscissa only counts, so points are not joined.
+    `y_name`, `y_unit`: may be empty. `by_row`: the abscissa only counts, so points are not joined.
     """
     power = _common_power([value for curve in curves for value in curve.y])
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
@@ -69,9 +71,8 @@ def curves_chart(curves: Sequence[Curve], x_label: str, y_label: str, by_row: bo
         for axis, values in (("x", curves[0].x), ("y", [v for curve in curves for v in curve.y])):
             _lay_out(axes, axis, values, whole=by_row and axis == "x")
         axes.set_xlabel(x_label)
-        axes.set_title(
-            f"{y_label} × {power_of_ten(power)}".strip(" ") if power else y_label, loc="left", size=9
-        )
+        unit = " ".join(filter(None, (power_of_ten(power) if power else "", y_unit)))
+        axes.set_title(", ".join(filter(None, (y_name, unit))), loc="left", size=9)
         if len(curves) > 1:
             axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.04), frameon=False)
         drawn = io.StringIO()

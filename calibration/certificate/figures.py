@@ -45,8 +45,8 @@ def table_figures(table: RecordTable, say: Say) -> Iterator[str]:
         for start in range(0, len(curves), MOST_CURVES):
             part = curves[start : start + MOST_CURVES]
             words = part[0].label if len(part) == 1 else ""
-            label = ", ".join(filter(None, (capital(words), "" if unit == "1" else unit_words(unit))))
-            yield curves_chart(part, x_label, label, by_row=bool(table.row_names))
+            y_unit = "" if unit == "1" else unit_words(unit)
+            yield curves_chart(part, x_label, capital(words), y_unit, by_row=bool(table.row_names))
 
 
 def correlations(block: CovarianceBlock, record: CalibrationRecord, caption: str) -> Correlations | None:

@@ -128,7 +128,9 @@ def test_the_original_record_gives_the_readings_as_they_were_read() -> None:
     up = next(column for column in record.tables[0].columns if column.name == "up_1")
     assert [row[1] for row in table.rows] == [f"{value:.4f}".replace("-", "−") for value in up.values]
     assert not any("Readings" in grid.title for grid in grids(certificate(record, NOTHING, "en")))
-    assert set(certificate(record, NOTHING, "en").pictures) == {"table-1-1.svg", "table-1-2.svg"}
+    pictures = certificate(record, NOTHING, "en").pictures
+    assert set(pictures) == {"table-1-1.svg", "table-1-2.svg"}
+    assert ">Residual, 10⁻⁴ V<" in pictures["table-1-2.svg"]
 
 
 def test_a_budget_adds_up_and_dependent_results_show_their_correlation() -> None:
