@@ -9,7 +9,7 @@ from rich.text import Text
 from calibration.records.comparing import RecordComparison
 from calibration.records.history import QuantityHistory
 from calibration.records.record import CalibrationRecord
-from calibration.records.record_parts import RecordedBudget, TemperatureSpan
+from calibration.records.record_parts import RecordedBudget, StandReference, TemperatureSpan
 from cli.uncertain_numbers import gum, two_digits
 from protocol.language import say, translated
 
@@ -94,6 +94,17 @@ def _budget(record: CalibrationRecord, budget: RecordedBudget) -> Table:
     return table
 
 
+def _stand_words(stand: StandReference) -> str:
+    words = [f"{stand.id} ({stand.kind})"]
+    if stand.calibration_due is not None:
+        words.append(say("calibration due {date}", date=stand.calibration_due.isoformat()))
+    if stand.emulated:
+        words.append(say("EMULATED"))
+    if stand.calibration_overdue:
+        words.append(say("OVERDUE when it was measured"))
+    return ", ".join(words)
+
+
 def _provenance(record: CalibrationRecord) -> Iterator[tuple[str, str]]:
     yield "SHA-256", record.sha256()
     yield say("Measured"), record.measured_at.isoformat() if record.measured_at else say("not known")
@@ -106,13 +117,7 @@ def _provenance(record: CalibrationRecord) -> Iterator[tuple[str, str]]:
     if record.plan is not None:
         yield say("Plan"), f"{record.plan.name} {record.plan.version} (SHA-256 {record.plan.sha256})"
     if record.stand is not None:
-        due = record.stand.calibration_due
-        words = f"{record.stand.id} ({record.stand.kind})"
-        if due is not None:
-            words += ", " + say("calibration due {date}", date=due.isoformat())
-        if record.stand.calibration_overdue:
-            words += ", " + say("OVERDUE when it was measured")
-        yield say("Stand"), words
+        yield say("Stand"), _stand_words(record.stand)
     around = record.environment
     for label, span in (
         (say("Temperature of the unit"), around.unit_temperature),

@@ -111,6 +111,11 @@ def _traceability(record: CalibrationRecord, details: CertificateDetails, say: S
         yield _without_empty_columns(Grid("", headings, tuple(standards), "lllll"))
     else:
         yield Paragraph(say("The recordings name no stand: the result is traceable to what they state only."))
+    if record.stand is not None and record.stand.emulated:
+        yield Paragraph(
+            say("Unit and stand were emulated by software: this certifies nothing about a real unit."),
+            "warning",
+        )
     if record.stand is not None and record.stand.calibration_overdue:
         yield Paragraph(
             say("The calibration of the stand was overdue at the time of the measurement."), "warning"

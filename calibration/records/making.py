@@ -314,6 +314,7 @@ def _stand(recording: Recording) -> StandReference | None:
         kind=str(stand.get("kind", "")),
         calibration_due=due,
         calibration_overdue=overdue,
+        emulated=stand.get("emulated") is True,
     )
 
 

@@ -210,12 +210,16 @@ class SourceRecording(FrozenModel):
 
 
 class StandReference(FrozenModel):
-    """The stand and its own calibration. `calibration_overdue`: at the time of the measurement."""
+    """The stand and its own calibration. `calibration_overdue`: at the time of the measurement.
+
+    `emulated`: it was an emulated unit on an emulated stand, so nothing here is a real unit's.
+    """
 
     id: str
     kind: str
     calibration_due: date | None = None
     calibration_overdue: bool = False
+    emulated: bool = False
 
 
 class TemperatureSpan(FrozenModel):

@@ -177,6 +177,7 @@ class RecordingSession:
             "id": identity.stand_id,
             "kind": identity.kind,
             "calibration_due": identity.calibration_due,
+            "emulated": True,  # nobody may take what follows from it for a real unit's figures
             **({"calibration_overdue": True} if overdue else {}),
         }
 

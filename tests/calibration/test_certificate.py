@@ -158,6 +158,14 @@ def test_an_overdue_stand_or_instrument_is_said_in_a_frame() -> None:
     assert "Digital multimeter" in warnings_of(original_record(gnc_module(), details, "en"))[0]
 
 
+def test_nobody_takes_an_emulated_units_certificate_for_a_real_one() -> None:
+    record = fog()
+    stand = record.stand.model_copy(update={"emulated": True, "calibration_overdue": False})
+    for document in (certificate, original_record):
+        (warning,) = warnings_of(document(record.model_copy(update={"stand": stand}), NOTHING, "en"))
+        assert "emulated" in warning
+
+
 def _quantity(value: float, u: float | None, interval: Interval | None = None) -> CalibratedQuantity:
     return CalibratedQuantity(
         name="bias_x", value=value, unit="mg", standard_uncertainty=u, interval=interval

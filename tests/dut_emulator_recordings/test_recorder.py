@@ -38,7 +38,12 @@ def test_a_recording_has_the_samples_and_says_who_and_how(plain):
         "value_units": {"rate": "deg/s", "duration": "s"},
         "triggered": True,
     }
-    assert recording.stand == {"id": "pt-1", "kind": "plain_table", "calibration_due": "2026-06-30"}
+    assert recording.stand == {
+        "id": "pt-1",
+        "kind": "plain_table",
+        "calibration_due": "2026-06-30",
+        "emulated": True,
+    }
     assert recording.site["field_uT"] == [27.0, -1.5, 45.0]  # north, east, down
     assert recording.believed["gyro"]["unit"] == "deg/s"
 
