@@ -22,6 +22,7 @@ from calibration.algorithms.ferraris import (
     calibrate_ferraris,
 )
 from calibration.evaluation import Evaluation, Residual
+from calibration.evaluations.by_profile import TOGETHER, has_method
 from calibration.imu_session import NotUsed
 from calibration.many_positions import evaluate_positions
 from calibration.rest_segments import named_sections
@@ -55,9 +56,17 @@ AnySource = TypeVar("AnySource", bound=Source)
 
 
 def together(sources: Sequence[AnySource]) -> tuple[tuple[AnySource, ...], ...]:
-    """Recordings that are evaluated together: the parts of one unit's Ferraris run; others alone."""
+    """Recordings that are evaluated together; others alone.
+
+    These are the parts of one unit's Ferraris run, and one unit's runs of a profile in `TOGETHER`.
+    """
     groups: dict[tuple[str, ...], list[AnySource]] = {}
     for index, source in enumerate(sources):
+        unit = source.recording.unit
+        if source.profile in TOGETHER and has_method(source.recording):
+            key = ("profile", source.profile, str(unit.get("product")), str(unit.get("serial")))
+            groups.setdefault(key, []).append(source)
+            continue
         if _ferraris_part(source) is None:
             groups[("alone", str(index))] = [source]
             continue

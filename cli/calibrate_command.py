@@ -17,11 +17,20 @@ from rich.text import Text
 
 from calibration.algorithms.coefficients import FloatArray, TriadCoefficients
 from calibration.evaluation import Evaluation
+from calibration.evaluations.by_profile import evaluate_by_profile, has_method
+from calibration.evaluations.method_evaluation import MethodEvaluation
 from calibration.published import ComparedReference, Comparison, compare_with_published
 from calibration.recorded import Source, evaluate, together
 from calibration.records.record import CalibrationRecord
-from cli.calibration_record_commands import EXIT_REFUSED, Keeping, add_record_commands, keep_records
+from cli.calibration_record_commands import (
+    EXIT_REFUSED,
+    Keeping,
+    add_record_commands,
+    keep_method_records,
+    keep_records,
+)
 from cli.help_pages import Command, Group
+from cli.method_evaluation_pages import method_evaluation_json, show_method_evaluation
 from cli.uncertain_numbers import gum
 from protocol.adapters.recording_forms import read_recording
 from protocol.errors import Fault, RecordingError, TestloomError
@@ -51,7 +60,7 @@ class _Result:
     """One group of recordings: evaluated, or refused with an error."""
 
     names: str
-    evaluation: Evaluation | None = None
+    evaluation: Evaluation | MethodEvaluation | None = None
     reference: ComparedReference | None = None
     error: TestloomError | None = None
     kept: tuple[tuple[CalibrationRecord, Path], ...] = ()
@@ -122,19 +131,32 @@ add_record_commands(app)
 
 
 def _evaluated(names: str, group: tuple[_Located, ...], keeping: Keeping | None) -> _Result:
+    by_profile = has_method(group[0].recording)
+    kept: tuple[tuple[CalibrationRecord, Path], ...] = ()
+    evaluation: Evaluation | MethodEvaluation
     if keeping is None:
-        evaluation, kept = evaluate(group), ()
+        evaluation = _by_method(group) if by_profile else evaluate(group)
     else:
         language = chosen_language()
         choose_language("en")  # a record says the same whoever reads it
         try:
-            evaluation = evaluate(group)
             read_from = [(source.recording, source.path) for source in group]
-            kept = tuple(keep_records(evaluation, read_from, keeping))
+            if by_profile:
+                evaluation = _by_method(group)
+                kept = tuple(keep_method_records(evaluation, read_from, keeping))
+            else:
+                evaluation = evaluate(group)
+                kept = tuple(keep_records(evaluation, read_from, keeping))
         finally:
             choose_language(language)
+    if isinstance(evaluation, MethodEvaluation):
+        return _Result(names, evaluation, kept=kept)
     reference = compare_with_published(evaluation, group[0].recording, group[0].folder)
     return _Result(names, evaluation, reference, kept=kept)
+
+
+def _by_method(group: tuple[_Located, ...]) -> MethodEvaluation:
+    return evaluate_by_profile([source.recording for source in group])
 
 
 def _refuse_crossed(valid_temperature_c: tuple[float, float] | None) -> None:
@@ -182,6 +204,16 @@ def _show(console: Console, result: _Result) -> None:
         return
     evaluation = result.evaluation
     assert evaluation is not None
+    if isinstance(evaluation, MethodEvaluation):
+        show_method_evaluation(console, evaluation)
+    else:
+        _show_triads(console, evaluation, result.reference)
+    _show_not_used(console, evaluation)
+    for record, path in result.kept:
+        console.print(say("record {record}: {path}", record=record.title, path=path), soft_wrap=True)
+
+
+def _show_triads(console: Console, evaluation: Evaluation, reference: ComparedReference | None) -> None:
     console.print(
         say("Unit {serial} ({product})", serial=evaluation.serial, product=evaluation.product), style="bold"
     )
@@ -198,10 +230,7 @@ def _show(console: Console, result: _Result) -> None:
         table.add_row("b", *(gum(float(b), float(u)) for b, u in figures))
         console.print(table)
     _show_residuals(console, evaluation)
-    _show_reference(console, result.reference)
-    _show_not_used(console, evaluation)
-    for record, path in result.kept:
-        console.print(say("record {record}: {path}", record=record.title, path=path), soft_wrap=True)
+    _show_reference(console, reference)
 
 
 def _triad_table(name: str, triad: TriadCoefficients) -> Table:
@@ -267,7 +296,7 @@ def _show_reference(console: Console, reference: ComparedReference | None) -> No
         console.print(f"  · {remark}")
 
 
-def _show_not_used(console: Console, evaluation: Evaluation) -> None:
+def _show_not_used(console: Console, evaluation: Evaluation | MethodEvaluation) -> None:
     if not evaluation.not_used:
         console.print(say("Everything in the data was used."))
         return
@@ -293,6 +322,12 @@ def _as_json(result: _Result) -> dict[str, Any]:
         }
     evaluation = result.evaluation
     assert evaluation is not None
+    records = [
+        {"sensor": record.sensor, "sha256": record.sha256(), "path": str(path)}
+        for record, path in result.kept
+    ]
+    if isinstance(evaluation, MethodEvaluation):
+        return method_evaluation_json(evaluation) | {"records": records}
     bias = evaluation.gyro_bias
     return {
         "recordings": list(evaluation.recording_ids),
@@ -316,10 +351,7 @@ def _as_json(result: _Result) -> dict[str, Any]:
             {"what": item.what, "count": item.count, "why": item.why} for item in evaluation.not_used
         ],
         "published": None if result.reference is None else _reference_json(result.reference),
-        "records": [
-            {"sensor": record.sensor, "sha256": record.sha256(), "path": str(path)}
-            for record, path in result.kept
-        ],
+        "records": records,
     }
 
 

@@ -16,9 +16,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from calibration.evaluation import Evaluation
+    from calibration.evaluations.method_evaluation import MethodEvaluation
     from calibration.records.applying import Compensation
     from calibration.records.comparing import RecordComparison
     from calibration.records.history import QuantityHistory
+    from calibration.records.making import Origin
     from calibration.records.record import CalibrationRecord
     from protocol.plans import PlanReference
     from protocol.recordings import Recording
@@ -181,23 +183,45 @@ def keep_records(
         sources: its recordings, and where they were read from.
         keeping: where and with what.
     """
-    from calibration.records.making import Origin, records_of
+    from calibration.records.making import records_of
+    from cli.calibration_record_files import write_record
+
+    origin = _origin(evaluation.product, sources, keeping)
+    made = records_of(evaluation, [recording for recording, _ in sources], origin)
+    return [(record, write_record(record, keeping.folder)) for record in made]
+
+
+def keep_method_records(
+    evaluation: "MethodEvaluation", sources: "Sequence[tuple[Recording, Path]]", keeping: Keeping
+) -> list[tuple["CalibrationRecord", Path]]:
+    """As `keep_records`, a record for each sensor, from the recordings that it rests on."""
+    from calibration.records.making import record_of
+    from cli.calibration_record_files import write_record
+
+    made: list[CalibrationRecord] = []
+    for result in evaluation.results:
+        mine = [source for source in sources if any(source[0] is one for one in result.recordings)]
+        origin = _origin(evaluation.product, mine, keeping)
+        made.append(record_of(result.content, result.sensor, result.recordings, origin))
+    return [(record, write_record(record, keeping.folder)) for record in made]
+
+
+def _origin(product: str, sources: "Sequence[tuple[Recording, Path]]", keeping: Keeping) -> "Origin":
+    from calibration.records.making import Origin
     from calibration.records.record_parts import TemperatureSpan
-    from cli.calibration_record_files import code_version, now, source_of, write_record
+    from cli.calibration_record_files import code_version, now, source_of
 
     span = None
     if keeping.valid_temperature_c is not None:
         low_c, high_c = keeping.valid_temperature_c
         span = TemperatureSpan(low_c=low_c, high_c=high_c)
-    origin = Origin(
+    return Origin(
         recordings=tuple(source_of(recording.recording_id, path) for recording, path in sources),
         code=code_version(),
         created_at=now(),
-        plan=None if keeping.plan is None else _plan(keeping.plan, evaluation.product),
+        plan=None if keeping.plan is None else _plan(keeping.plan, product),
         valid_temperature=span,
     )
-    made = records_of(evaluation, [recording for recording, _ in sources], origin)
-    return [(record, write_record(record, keeping.folder)) for record in made]
 
 
 def _plan(named: str, product: str) -> "PlanReference":

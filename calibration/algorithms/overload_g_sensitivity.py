@@ -74,6 +74,51 @@ def response_along(
     return response, mean_rate[:, 0] - response * mean_force[:, 0]
 
 
+@dataclass(frozen=True)
+class RunResponse:
+    """What one run tells: the three gyros' response d to motion along its direction, shapes (3,).
+
+    Attributes:
+        response: d, (rad/s)/(m/s^2).
+        variance: of it, from the scatter of the cycles or the counting, whichever is larger.
+        rate_rad_s: w.
+        printed: d by eq (16)-(18).
+    """
+
+    response: FloatArray
+    variance: FloatArray
+    rate_rad_s: FloatArray
+    printed: FloatArray
+
+
+def response_of_run(run: GyroRun, scale_factor_pulse_rad: FloatArray) -> RunResponse:
+    """One direction alone: with the motion along a body axis, a column of D.
+
+    Args:
+        run: at least `MIN_CYCLES` cycles.
+        scale_factor_pulse_rad: E_1 of the gyros, pulses per rad, shape (3,).
+
+    Raises:
+        CalibrationError: too few cycles, or pulses that are missing.
+    """
+    cycles = len(run.motion.duration_s)
+    if run.pulses.shape != (cycles, 2, 3) or not np.isfinite(run.pulses).all():
+        raise refused("The gyros' pulses are missing, or not (cycles, 2, 3).", Fault.DATA)
+    if cycles < MIN_CYCLES:
+        raise refused(f"{cycles} cycles carry no standard uncertainty; {MIN_CYCLES} do.", Fault.PLAN)
+    each, _ = response_along(run.motion, run.pulses, 1.0)
+    total, counted = run.motion.total(), run.pulses.sum(axis=0, keepdims=True)
+    slope, rate = response_along(total, counted, 1.0)
+    variance = each.var(axis=0, ddof=1) / cycles * t_inflation(cycles - 1) ** 2
+    speed = float(total.speed_change_m_s.sum())
+    return RunResponse(
+        slope[0] / scale_factor_pulse_rad,
+        np.maximum(variance, _counting_variance(total, cycles)) / scale_factor_pulse_rad**2,
+        rate[0] / scale_factor_pulse_rad,
+        (counted[0, 0] - counted[0, 1]) / (speed * scale_factor_pulse_rad),
+    )
+
+
 def calibrate_g_sensitivity(
     runs: Sequence[GyroRun],
     scale_factor_pulse_rad: FloatArray,
@@ -93,32 +138,15 @@ def calibrate_g_sensitivity(
     """
     directions = np.array([run.direction_body for run in runs], dtype=np.float64).reshape(-1, 3)
     _check_directions(directions)
-    slopes: list[FloatArray] = []
-    rates: list[FloatArray] = []
-    variances: list[FloatArray] = []
-    printed: list[FloatArray] = []
-    for run in runs:
-        cycles = len(run.motion.duration_s)
-        if run.pulses.shape != (cycles, 2, 3) or not np.isfinite(run.pulses).all():
-            raise refused("The gyros' pulses are missing, or not (cycles, 2, 3).", Fault.DATA)
-        if cycles < MIN_CYCLES:
-            raise refused(f"{cycles} cycles carry no standard uncertainty; {MIN_CYCLES} do.", Fault.PLAN)
-        each, _ = response_along(run.motion, run.pulses, 1.0)
-        total, counted = run.motion.total(), run.pulses.sum(axis=0, keepdims=True)
-        slope, rate = response_along(total, counted, 1.0)
-        slopes.append(slope[0] / scale_factor_pulse_rad)
-        rates.append(rate[0] / scale_factor_pulse_rad)
-        variance = each.var(axis=0, ddof=1) / cycles * t_inflation(cycles - 1) ** 2
-        variances.append(np.maximum(variance, _counting_variance(total, cycles)) / scale_factor_pulse_rad**2)
-        speed = float(total.speed_change_m_s.sum())
-        printed.append((counted[0, 0] - counted[0, 1]) / (speed * scale_factor_pulse_rad))
+    found = [response_of_run(run, scale_factor_pulse_rad) for run in runs]
     # slopes (runs, 3 gyros) = directions D^T
     to_columns = np.asarray(np.linalg.pinv(directions), dtype=np.float64)
-    matrix = (to_columns @ np.array(slopes)).T
-    covariance = np.einsum("ar,rg,br->gab", to_columns, np.array(variances), to_columns)
+    matrix = (to_columns @ np.array([one.response for one in found])).T
+    covariance = np.einsum("ar,rg,br->gab", to_columns, np.array([one.variance for one in found]), to_columns)
+    printed = to_columns @ np.array([one.printed for one in found])
     common = u_scale_factor**2 + u_grating**2
     covariance = covariance + common * np.einsum("ga,gb->gab", matrix, matrix)
-    return GSensitivity(matrix, covariance, np.array(rates), (to_columns @ np.array(printed)).T)
+    return GSensitivity(matrix, covariance, np.array([one.rate_rad_s for one in found]), printed.T)
 
 
 def _counting_variance(total: HalfCycles, cycles: int) -> float:

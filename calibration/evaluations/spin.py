@@ -1,0 +1,154 @@
+"""Profile 'spin': zeros, sensitivity ratio and orthogonality of two magnetometer channels (paper 1, 5.4)."""
+
+# pyright: strict
+import numpy as np
+
+from calibration.algorithms.coefficients import FloatArray
+from calibration.algorithms.magnetometer_spin import SpinCoefficients, spin_ellipse, spin_min_max
+from calibration.algorithms.screening import NotUsed
+from calibration.evaluations.method_evaluation import (
+    Beside,
+    MethodEvaluation,
+    SensorResult,
+    believed_number,
+    believed_sensor,
+    method_evaluation,
+    refused,
+    stream_with,
+)
+from calibration.records.making import RecordContent, covariance_block
+from calibration.records.record_parts import CalibratedQuantity, Model
+from protocol.language import say
+from protocol.recordings import Recording, Stream
+from protocol.units_of_measure import factor_to_si
+
+TURNING_PART = 0.02
+"""Of the highest rate: below it the stand is at rest, and its samples are of one direction."""
+RANGE_MARGIN = 0.002
+U_STAND_FIELD_T = 1e-8
+"""Standard uncertainty of what the stand's own motors add, part of it in step with the turn."""
+
+
+def evaluate_spin(recordings: tuple[Recording, ...]) -> MethodEvaluation:
+    """The two channels across the axis of spin.
+
+    Raises:
+        CalibrationError: no magnetometer, nothing that tells the axis of spin, a stand that did not turn,
+            saturated channels, phases with a hole, no ellipse.
+    """
+    (recording,) = recordings
+    dut = stream_with(recording, "dut", "mag_x", "mag_y", "mag_z")
+    axis, turning = _spin(recording, dut)
+    first, second = (f"mag_{'xyz'[(axis + step) % 3]}" for step in (1, 2))
+    both = dut.si(first, second)
+    there = np.isfinite(both).all(axis=1)
+    saturated = there & (np.abs(both) >= _limit_si(recording)).any(axis=1)
+    used = turning & there & ~saturated
+    not_used = [
+        NotUsed(what, int(count), why)
+        for what, count, why in (
+            (say("samples at rest"), (~turning).sum(), say("one direction only")),
+            (say("samples"), (~there & turning).sum(), say("missing (NaN)")),
+            (say("samples of the magnetometer"), (saturated & turning).sum(), say("at the end of the range")),
+        )
+        if count
+    ]
+    if saturated.sum() > 0.5 * max(int(there.sum()), 1):
+        raise refused(
+            recording,
+            f"The magnetometer is at the end of its range in {int(saturated.sum())} of {len(dut)} samples.",
+            "spin in a weaker field, or choose a wider range",
+            "stream dut",
+        )
+    found = spin_ellipse(both[used, 0], both[used, 1])
+    paper = spin_min_max(both[used, 0], both[used, 1])
+    result = SensorResult("mag", _content(found, first[-1], second[-1]), recordings, _beside(paper, found))
+    assumptions = [
+        say("spin about body {axis}; the field across it is steady", axis="xyz"[axis]),
+        say(
+            "field of the stand's own motors {field} nT (standard uncertainty)",
+            field=f"{U_STAND_FIELD_T * 1e9:g}",
+        ),
+        say("what the field along the axis adds through the cross-axis sensitivity is in the zeros"),
+    ]
+    if found.outliers:
+        why = say("far from the ellipse")
+        not_used.append(NotUsed(say("samples of the magnetometer"), found.outliers, why))
+    return method_evaluation(recordings, [result], assumptions, not_used)
+
+
+def _limit_si(recording: Recording) -> float:
+    limit, unit = believed_number(recording, "mag", "range"), believed_sensor(recording, "mag").get("unit")
+    if limit is None or not isinstance(unit, str):
+        return float("inf")
+    return limit * factor_to_si(unit) * (1.0 - RANGE_MARGIN)
+
+
+def _spin(recording: Recording, dut: Stream) -> tuple[int, np.ndarray]:
+    """Axis of spin, and which samples of the unit were taken in it: by the stand, else by the gyros."""
+    names = ("rate_x", "rate_y", "rate_z")
+    joined = recording.test.get("triggered") is not False
+    if "stand" in recording.streams and recording.streams["stand"].has(*names):
+        stand = recording.streams["stand"]
+        rates, time_s = stand.si(*names), stand.time_s()
+        axis = int(np.nansum(np.abs(rates), axis=0).argmax())
+        rate = np.interp(dut.time_s(), time_s, rates[:, axis]) if joined else None
+    elif dut.has("gyro_x", "gyro_y", "gyro_z"):
+        rates = dut.si("gyro_x", "gyro_y", "gyro_z")
+        axis = int(np.nansum(np.abs(rates), axis=0).argmax())
+        rate = rates[:, axis]
+    else:
+        raise refused(
+            recording,
+            "Neither the stand's rates nor gyros tell about which axis the unit was spun.",
+            "record the stand's rate_x, rate_y, rate_z",
+        )
+    highest = float(np.nanmax(np.abs(rates[:, axis])))
+    if highest <= 0.0:
+        raise refused(recording, "The stand did not turn.", "spin the unit all the way round")
+    if rate is None:
+        return axis, np.ones(len(dut), dtype=np.bool_)
+    return axis, np.nan_to_num(np.abs(rate)) > TURNING_PART * highest
+
+
+def _content(found: SpinCoefficients, x: str, y: str) -> RecordContent:
+    """`x`, `y`: the channels across the axis, in its right-handed order."""
+    names = (f"hard_iron_{x}", f"hard_iron_{y}", f"sensitivity_ratio_{x}{y}")
+    names += (f"nonorthogonality_{x}{y}", "field_across_axis")
+    symbols = (f"d_{x}", f"d_{y}", "K_y", "alpha", "B")
+    units = ("T", "T", "1", "rad", "T")
+    values = (found.zero_x, found.zero_y, found.ratio_y, found.nonorthogonality_rad, found.radius)
+    covariance = _with_stand_field(found)
+    return RecordContent(
+        method="magnetometer",
+        model=Model(
+            name="spin", equation=f"{x} = d_{x} + B cos(theta - alpha); {y} = d_{y} + (B / K_y) sin(theta)"
+        ),
+        quantities=tuple(
+            CalibratedQuantity(
+                name=name, symbol=symbol, value=value, unit=unit, standard_uncertainty=float(u)
+            )
+            for name, symbol, value, unit, u in zip(
+                names, symbols, values, units, np.sqrt(np.diag(covariance)), strict=True
+            )
+        ),
+        covariance=(covariance_block(names, covariance),),
+    )
+
+
+def _with_stand_field(found: SpinCoefficients) -> FloatArray:
+    """Of (dX, dY, K_y, alpha, B): the fit's covariance, and the stand's field in each of them."""
+    covariance: FloatArray = np.zeros((5, 5)) if found.covariance is None else found.covariance.copy()
+    part = U_STAND_FIELD_T / found.radius
+    of_field = np.array([U_STAND_FIELD_T, U_STAND_FIELD_T, np.sqrt(2.0) * part, part, U_STAND_FIELD_T])
+    return covariance + np.diag(of_field**2)
+
+
+def _beside(paper: SpinCoefficients, found: SpinCoefficients) -> tuple[Beside, ...]:
+    return (
+        Beside(say("zero of the first channel by extremes, paper 1, eq (5)"), paper.zero_x, "T"),
+        Beside(say("zero of the second channel by extremes, eq (5)"), paper.zero_y, "T"),
+        Beside(say("sensitivity ratio by extremes, eq (6)"), paper.ratio_y, "1"),
+        Beside(say("orthogonality by one sample, eq (8)"), paper.nonorthogonality_rad, "rad"),
+        Beside(say("distance from the ellipse, rms"), found.residual_rms, "T"),
+    )
