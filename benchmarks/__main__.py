@@ -17,6 +17,9 @@ from rich.table import Table
 
 import benchmarks
 
+REPORT_WIDTH = 160
+"""Of the table in a file or a log, where no terminal says how wide it is."""
+
 
 def main(names: list[str]) -> int:
     """Run the named benchmarks (all when none is named). Returns the exit code."""
@@ -25,6 +28,8 @@ def main(names: list[str]) -> int:
     )
     chosen = [name for name in available if not names or any(word in name for word in names)]
     console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = REPORT_WIDTH
     if not chosen:
         console.print(f"No benchmark is named so. There are: {', '.join(available)}")
         return 2
