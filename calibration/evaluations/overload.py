@@ -84,7 +84,10 @@ def evaluate_overload(recordings: tuple[Recording, ...]) -> MethodEvaluation:
         level=f"{U_LEVEL_RAD * 1e3:g}",
     )
     motion = say("half-cycles from the grating, cut where the acceleration changes its sign")
-    return method_evaluation(recordings, results, [motion, uncertainties], not_used)
+    counting = say(
+        "counting errors taken as independent from cycle to cycle: pulses in step with the cycles err more"
+    )
+    return method_evaluation(recordings, results, [motion, uncertainties, counting], not_used)
 
 
 def _cut(recording: Recording) -> _Run:
