@@ -1,13 +1,51 @@
 # pyright: strict
 """Keeping recordings on disk for good, and what a disk that refuses means for a person."""
 
+import contextlib
 import errno
 import os
+from collections.abc import Generator
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from protocol.errors import Fault, RecordingError
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+class WholeOrNothing:
+    """The base of writers of recordings: closed at the end of a `with` block, discarded by an exception."""
+
+    _path: Path
+
+    def close(self) -> object:
+        """Finish, and give it its name."""
+        raise NotImplementedError
+
+    def discard(self) -> None:
+        """Stop, and leave nothing."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.discard()
+
+    @contextlib.contextmanager
+    def _discarded_if_refused(self) -> Generator[None]:
+        """What the disk refuses ends the recording."""
+        try:
+            yield
+        except OSError as error:
+            self.discard()
+            raise storage_error(error, self._path) from error
 
 
 def storage_error(error: OSError, path: Path, what: str = "recording") -> RecordingError:

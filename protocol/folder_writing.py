@@ -9,15 +9,14 @@ import json
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.durable_files import storage_error, sync
+from protocol.durable_files import WholeOrNothing, sync
 from protocol.errors import Fault, RecordingError
 from protocol.recording_checks import Findings, check_stream, checked_columns
 from protocol.recording_document import DOCUMENT_NAME, document_of, types_of
@@ -33,7 +32,7 @@ ZIP_LEVEL = 1
 Columns = Mapping[str, NDArray[Any]]
 
 
-class FolderRecordingWriter:
+class FolderRecordingWriter(WholeOrNothing):
     """Writes one recording while it is being made.
 
         empty = Recording(…, streams={"dut": Stream(…, columns={"t": np.empty(0), …})})
@@ -128,26 +127,6 @@ class FolderRecordingWriter:
         if self._unfinished is not None:
             shutil.rmtree(self._unfinished, ignore_errors=True)
             self._unfinished = None
-
-    def __enter__(self) -> "FolderRecordingWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
-
-    @contextlib.contextmanager
-    def _discarded_if_refused(self) -> Iterator[None]:
-        """What the disk refuses ends the recording."""
-        try:
-            yield
-        except OSError as error:
-            self.discard()
-            raise storage_error(error, self._path) from error
 
     def _flush(self, stream: str) -> None:
         pending = self._pending[stream]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dut_emulator.effects.effect import FloatArray, Stimulus
-from dut_emulator.motion.gimbal_geometry import EARTH_RATE_RAD_S, body_rate_rad_s, into_body
+from dut_emulator.gimbal_geometry import EARTH_RATE_RAD_S, body_rate_rad_s, into_body
 
 DEG = np.pi / 180
 G = 9.80665

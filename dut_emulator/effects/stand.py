@@ -4,7 +4,7 @@
 
 The stimulus holds what the stand reports. A stand that is turned by a small rotation φ (body axes) against
 its report makes u − φ × u of an input, and adds φ̇ to a rate. Its effects follow the stand's angles, are
-common to all units and survive a re-mount. Axes are those of `dut_emulator.motion.gimbal_geometry`: body x is
+common to all units and survive a re-mount. Axes are those of `dut_emulator.gimbal_geometry`: body x is
 the inner one.
 """
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.motion.gimbal_geometry import FIELD_EAST_NORTH_UP_T, lever_arm_force_m_s2
+from dut_emulator.gimbal_geometry import FIELD_EAST_NORTH_UP_T, lever_arm_force_m_s2
 from dut_emulator.motion.path import STEEPEST, Motion, Path, Step, Steps
 
 FloatArray = NDArray[np.float64]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.effect import FloatArray, Stimulus
-from dut_emulator.motion import gimbal_geometry as geometry
 from protocol.bench_description import Site
 
 

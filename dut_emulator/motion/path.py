@@ -25,7 +25,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from dut_emulator.motion.gimbal_geometry import EARTH_RATE_RAD_S
+from dut_emulator.gimbal_geometry import EARTH_RATE_RAD_S
 from dut_emulator.motion.gravity import height_coefficients
 from dut_emulator.motion.series import angle_of, antiderivative, derivative, product, sine_cosine
 

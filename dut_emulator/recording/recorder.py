@@ -21,10 +21,10 @@ from typing import Any, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator import gimbal_geometry
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import SensorName
 from dut_emulator.lot import LotDraw
-from dut_emulator.motion import gimbal_geometry
 from dut_emulator.motion.profile_catalogue import profile_named
 from dut_emulator.products.catalogue import product_named
 from dut_emulator.products.product import (

@@ -6,9 +6,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.chamber import ROOM_C
 from protocol.bench_description import Site
 

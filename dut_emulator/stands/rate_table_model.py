@@ -1,7 +1,7 @@
 # pyright: strict
 """A single-axis rate table with a tilting fixture: limits, errors, and a state machine over bench time.
 
-The table's axis is vertical and is the 'outer' one of `motion.gimbal_geometry`; the fixture's two tilts are
+The table's axis is vertical and is the 'outer' one of `gimbal_geometry`; the fixture's two tilts are
 'middle' and 'inner', so that the stand's effects of the catalogue hold. The table keeps a rate of 5 to
 1450 °/s either way; below that it is locked, and locked it is exactly at rest (paper 4: LX-10G).
 
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray, SensorName, Stimulus
 from dut_emulator.effects.stand import (
@@ -28,7 +29,6 @@ from dut_emulator.effects.stand import (
     Wobble,
 )
 from dut_emulator.interfaces import StandRefusal
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.axis_motion import AxisMotion, Trapezoid
 from dut_emulator.motion.rate_table_profile import POSE_DEG, RateAxis, pose_rad, tilt
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
 from dut_emulator.interfaces import StandRefusal, StandStatus
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.axis_motion import AxisMotion, Trapezoid
 from dut_emulator.motion.laboratory import Laboratory, rounded
 from dut_emulator.motion.schedule import AXES, Drives, Triple

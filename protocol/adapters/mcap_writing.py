@@ -9,11 +9,10 @@ import contextlib
 import json
 import os
 import secrets
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from io import BufferedWriter
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from protocol.adapters.mcap_file import McapFile
 from protocol.adapters.sample_messages import SampleLayout, log_times_ns
 from protocol.attempts import RecordingReference
-from protocol.durable_files import storage_error, sync
+from protocol.durable_files import WholeOrNothing, sync
 from protocol.recording_checks import Findings, check_stream, checked_columns
 from protocol.recording_document import DOCUMENT_NAME, document_of, types_of
 from protocol.recordings import FORMAT, Recording
@@ -36,7 +35,7 @@ CHUNK_BYTES = 2 << 20
 costs at most."""
 
 
-class McapRecordingWriter:
+class McapRecordingWriter(WholeOrNothing):
     """Writes one recording while it is being made.
 
         empty = Recording(…, streams={"dut": Stream(…, columns={"t": np.empty(0), …})})
@@ -137,26 +136,6 @@ class McapRecordingWriter:
         """What was written, once it is closed."""
         assert self._reference is not None, "the recording is not closed"
         return self._reference
-
-    def __enter__(self) -> "McapRecordingWriter":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
-
-    @contextlib.contextmanager
-    def _discarded_if_refused(self) -> Iterator[None]:
-        """What the disk refuses ends the recording."""
-        try:
-            yield
-        except OSError as error:
-            self.discard()
-            raise storage_error(error, self._path) from error
 
     def _begin(self, description: Recording) -> McapFile:
         types = {name: {"types": types_of(stream)} for name, stream in description.streams.items()}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibration.imu_session import Rotation, SlowNoise, StaticPose, calibrate_imu
-from dut_emulator.motion.gimbal_geometry import body_rate_rad_s
+from dut_emulator.gimbal_geometry import body_rate_rad_s
 from dut_emulator.products.gnc_module import GncModule
 from dut_emulator.products.gnc_module.population import draw_unit
 from dut_emulator.products.gnc_module.unit_truth import Category, TriadTruth, UnitTruth

@@ -13,7 +13,7 @@ from dut_emulator.effects.catalogue_effect import LinearEffect
 from dut_emulator.effects.effect import SensorName, Stimulus
 from dut_emulator.effects.parameters import scalars
 from dut_emulator.effects.slow_noise import ALLAN_FLOOR_OF_FLICKER, FlickerNoise, RateRandomWalk
-from dut_emulator.motion.gimbal_geometry import body_rate_rad_s, dcm_body_from_lab
+from dut_emulator.gimbal_geometry import body_rate_rad_s, dcm_body_from_lab
 from tests.dut_emulator.effect_examples import DETERMINISTIC, EXAMPLES, PERIOD_S, applied, at_neutral, motion
 
 ONE = (1.0, 1.0, 1.0)

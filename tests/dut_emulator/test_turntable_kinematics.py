@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.interfaces import EmulatedStand, StandRefusal
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.axis_motion import MAX_PIECES, AxisMotion, Trapezoid
 from dut_emulator.stands.level_board import LevelBoard
 from dut_emulator.stands.three_axis_turntable import (

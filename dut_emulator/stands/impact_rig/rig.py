@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import Stimulus
 from dut_emulator.effects.stand import RemountMisalignment
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.impact_profile import (
     Impacts,
     TableResponse,

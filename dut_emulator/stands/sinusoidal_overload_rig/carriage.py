@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dut_emulator import gimbal_geometry as geometry
 from dut_emulator.effects.effect import Stimulus
-from dut_emulator.motion import gimbal_geometry as geometry
 from dut_emulator.motion.crank import CrankTurn, FloatArray, SlideState
 from dut_emulator.stands.level_board import ROOM_TEMPERATURE_C
 from protocol.bench_description import Site
