@@ -62,7 +62,7 @@ def pulls_of(seed: int, known: bool, sigma: float) -> np.ndarray:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     ("seeds", "sigma"),
-    [(60, 3e-4), *(pytest.param(200, sigma, marks=pytest.mark.slow) for sigma in (0.0, 3e-4))],
+    [(30, 3e-4), *(pytest.param(200, sigma, marks=pytest.mark.slow) for sigma in (0.0, 3e-4))],
 )
 def test_intervals_hold_in_white_and_in_slow_noise(seeds: int, sigma: float) -> None:
     pulls = np.array([pulls_of(seed, seeds < 200, sigma) for seed in range(seeds)])
