@@ -6,6 +6,9 @@ import socket
 import pytest
 from hypothesis import settings
 
+# before numpy: threads of small products wait for each other where two workers share two cores
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # how long an example takes says more about the machine's load than about the code
 settings.register_profile("testloom", deadline=None)
 settings.load_profile("testloom")
