@@ -25,6 +25,20 @@ def _everything_is_required() -> bool:
 
 
 @pytest.fixture
+def free_port_base() -> int:
+    """First of some consecutive free ports, below those that the system hands out by itself."""
+    for base in range(20_000 + os.getpid() % 100 * 100, 32_000, 50):
+        try:
+            for port in range(base, base + 50):
+                with socket.socket() as probe:
+                    probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        return base
+    raise AssertionError("no fifty free ports in a row")
+
+
+@pytest.fixture
 def free_port() -> int:
     """A port of the loopback address that was free a moment ago."""
     with socket.socket() as probe:

@@ -91,10 +91,10 @@ def test_what_cannot_be_a_bench(tmp_path: Path, options, words) -> None:
     assert caught.value.fault is Fault.OPERATOR
 
 
-def test_a_port_in_use_is_named(start_bench, free_port: int, tmp_path: Path) -> None:
-    start_bench(port_base=free_port, name="first")
-    with pytest.raises(TestloomError, match=f"port {free_port}") as caught:
-        start_bench(port_base=free_port, name="second")
+def test_a_port_in_use_is_named(start_bench, free_port_base: int, tmp_path: Path) -> None:
+    start_bench(port_base=free_port_base, name="first")
+    with pytest.raises(TestloomError, match=f"port {free_port_base}") as caught:
+        start_bench(port_base=free_port_base, name="second")
     assert "--port-base" in caught.value.remedy
     assert not (tmp_path / "second.json").exists()
 

@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,8 +47,10 @@ class LineResult:
         return wrong
 
 
-def run_line(role: str, kills: int, seed: int, folder: Path, units: int = UNITS_PER_LINE) -> LineResult:
-    """Run one line of `units` units and kill a process of `role` `kills` times while it works."""
+def run_line(
+    roles: Sequence[str], kills: int, seed: int, folder: Path, units: int = UNITS_PER_LINE
+) -> LineResult:
+    """Run one line of `units` units and kill `kills` processes while it works, of these roles by turns."""
     chance = random.Random(seed)
     summary_file = folder / "summary.json"
     command = [
@@ -60,10 +63,11 @@ def run_line(role: str, kills: int, seed: int, folder: Path, units: int = UNITS_
     try:
         _wait_for_work(folder / "run", line)
         began_s = time.monotonic()
-        for _ in range(kills):
+        for number in range(kills):
             _sleep_while_running(chance.uniform(*PAUSE_S), line)
             if line.poll() is not None:
                 break
+            role = roles[number % len(roles)]
             victim = chance.choice([p for p in _processes(folder / "run") if p["role"] == role])
             if _kill(int(victim["pid"])):
                 story.append(f"{victim['id']} at {time.monotonic() - began_s:.1f} s")
@@ -115,7 +119,9 @@ def main() -> int:
     done, faults, lines = 0, 0, 0
     while done < chosen.times and lines < 4 * chosen.times:
         folder = Path(tempfile.mkdtemp(prefix=f"testloom-kill-{chosen.role}-"))
-        result = run_line(chosen.role, min(KILLS_PER_LINE, chosen.times - done), chosen.seed + lines, folder)
+        result = run_line(
+            [chosen.role], min(KILLS_PER_LINE, chosen.times - done), chosen.seed + lines, folder
+        )
         lines += 1
         done += len(result.kills)
         wrong = result.faults()

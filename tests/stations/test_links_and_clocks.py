@@ -182,14 +182,14 @@ def test_time_stands_while_a_branch_works_and_goes_to_the_earliest_wait(tmp_path
     assert seen == pytest.approx([1.0, 2.0])
 
 
-def test_a_bench_that_comes_back_is_used_again(tmp_path, free_port):
-    served = ServedBench(tmp_path, port_base=max(free_port - 40, 2000))
+def test_a_bench_that_comes_back_is_used_again(tmp_path, free_port_base):
+    served = ServedBench(tmp_path, port_base=free_port_base)
     floor = floor_of(served, served.description, tmp_path)
     assert floor.run(HEALTHY).outcome is Outcome.PASS
     served.close()
     gone = floor.run(HEALTHY)
     assert (gone.outcome, gone.fault) == (Outcome.ERROR, Fault.STATION)
-    again = ServedBench(tmp_path, port_base=max(free_port - 40, 2000))
+    again = ServedBench(tmp_path, port_base=free_port_base)
     result = floor.run(HEALTHY)
     floor.runners["1"].close()
     again.close()
