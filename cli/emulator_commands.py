@@ -188,7 +188,9 @@ def with_one_more(
 ) -> None:
     from cli.emulator_values import with_effect
 
-    _keep(with_effect(_twin_of(unit, seed, serial), effect, sensor, axis, parameters or []), out)
+    twin = with_effect(_twin_of(unit, seed, serial), effect, sensor, axis, parameters or [])
+    _check_product_can_have(twin)
+    _keep(twin, out)
 
 
 @app.command(
@@ -208,6 +210,17 @@ def plot(
     name = f"{product.name}-{serial}" if unit == product.name else Path(unit).stem
     for path in write_plots(unit_to_draw(twin, name, product), out):
         typer.echo(str(path))
+
+
+def _check_product_can_have(twin: "Twin") -> None:
+    """What a bench or a recording would refuse later is refused before the file is there."""
+    from dut_emulator.products.catalogue import product_named
+    from dut_emulator.recording.order import RecordingOrder
+    from dut_emulator.recording.recorder import RecordingSession
+
+    if twin.product:
+        profile = next(iter(product_named(twin.product).profiles))
+        RecordingSession(RecordingOrder(twin.product, profile, twin=twin))
 
 
 def _console() -> Any:

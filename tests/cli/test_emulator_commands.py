@@ -110,6 +110,7 @@ def test_a_unit_of_one_more_effect_says_its_units(tmp_path, capsys):
         (["emulator", "with", "fog", "gyro.bias", "bias_si_x=1e400"], "is no value"),
         (["emulator", "show", "rocket"], "'rocket' is neither a product nor a twin file"),
         (["emulator", "plot", "{no product}"], "There is no product ''"),
+        (["emulator", "with", "fog", "acc.bias", "bias_si_x=1mg"], "an effect of a sensor 'acc'"),
         (["emulator", "with", "rate_gyro_triad", "gyro.charm", "x=1"], "There is no effect 'gyro.charm'"),
         (["emulator", "with", "rate_gyro_triad", "stand.wobble", "x=1"], "not on a triad left open"),
         (["emulator", "with", "rate_gyro_triad", "gyro.bias"], "'gyro.bias' without parameters"),

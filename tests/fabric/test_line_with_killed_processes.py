@@ -9,7 +9,7 @@ pytestmark = [pytest.mark.fabric, pytest.mark.xdist_group("line"), pytest.mark.t
 
 
 def test_killed_processes_cost_no_result(tmp_path: Path) -> None:
-    result = run_line(["coordinator", "station", "router"], kills=3, seed=5, folder=tmp_path, units=12)
+    result = run_line(["coordinator", "station", "router"], kills=3, seed=5, folder=tmp_path)
     assert len(result.kills) == 3, "the line was over before"
     assert result.faults() == []
 
