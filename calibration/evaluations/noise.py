@@ -7,12 +7,11 @@ from calibration.algorithms.allan_coefficients import fit_allan_coefficients
 from calibration.algorithms.allan_variance import overlapping_allan_deviation
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.screening import NotUsed
+from calibration.evaluations.channels import SI, channel_in_si
 from calibration.evaluations.method_evaluation import (
     Beside,
     MethodEvaluation,
     SensorResult,
-    believed_number,
-    believed_sensor,
     method_evaluation,
     refused,
     sample_period_s,
@@ -21,13 +20,11 @@ from calibration.evaluations.method_evaluation import (
 from calibration.records.method_contents import allan_content
 from protocol.errors import CalibrationError
 from protocol.language import say
-from protocol.recordings import Recording, Stream
-from protocol.units_of_measure import factor_to_si
+from protocol.recordings import Recording
 
 MIN_DURATION_S = 180.0
 """Taus up to an eighth of the record: less than 20 s would tell white noise and nothing of what is slower."""
 HOLE_PERIODS = 1.5
-_SI = {"gyro": "rad/s", "acc": "m/s^2"}
 
 
 def evaluate_noise(recordings: tuple[Recording, ...]) -> MethodEvaluation:
@@ -55,9 +52,9 @@ def evaluate_noise(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     if outside:
         why = say("a hole parts them from the longest part: a filled hole is not the unit's noise")
         not_used.append(NotUsed(say("samples of the recording"), outside, why))
-    for kind in ("gyro", "acc"):
+    for kind in SI:
         for letter in "xyz":
-            samples = _in_si(recording, dut, kind, letter, period_s)
+            samples = channel_in_si(recording, dut, kind, letter, period_s)
             if samples is None:
                 continue
             channel = f"{kind}_{letter}"
@@ -96,7 +93,7 @@ def _noise_of(
 ) -> SensorResult:
     measured = overlapping_allan_deviation(np.ascontiguousarray(samples), rate_hz)
     fit = fit_allan_coefficients(measured)
-    unit = _SI[channel.split("_", maxsplit=1)[0]]
+    unit = SI["acc" if channel.startswith("acc") else "gyro"]
     lowest = int(measured.deviation.argmin())
     beside = (
         Beside(say("least Allan deviation"), float(measured.deviation[lowest]), unit),
@@ -104,38 +101,3 @@ def _noise_of(
         Beside(say("chi-square of the fit per degree of freedom"), fit.chi_square_ratio, "1"),
     )
     return SensorResult(channel, allan_content(fit, unit), recordings, beside)
-
-
-def _in_si(recording: Recording, dut: Stream, kind: str, letter: str, period_s: float) -> FloatArray | None:
-    """A channel in rad/s or m/s^2 from whichever form the unit sends, shape (n,); None: not there.
-
-    Raises:
-        CalibrationError: counts, volts or pulses of which the recording does not say what they stand for.
-    """
-    name = f"{kind}_{letter}"
-    if name in dut.columns and dut.units[name] != "1":
-        return dut.si(name)
-    positive, negative = f"pulse_{name}_pos", f"pulse_{name}_neg"
-    if name in dut.columns:
-        raw, per_unit = dut.si(name), _counts_per_unit(recording, kind)
-    elif dut.has(positive, negative):
-        raw = (dut.si(positive) - dut.si(negative)) / period_s
-        per_unit = believed_number(recording, kind, "pulses_per_unit_s")
-    elif kind == "gyro" and f"volt_{letter}" in dut.columns:
-        raw, per_unit = dut.si(f"volt_{letter}"), believed_number(recording, kind, "volts_per_unit")
-    else:
-        return None
-    unit = believed_sensor(recording, kind).get("unit")
-    if per_unit is None or per_unit <= 0.0 or not isinstance(unit, str):
-        raise refused(
-            recording,
-            f"The recording does not say what a count, volt or pulse of the {kind} stands for.",
-            f"write believed.{kind}.unit and its counts, volts_per_unit or pulses_per_unit_s",
-        )
-    return raw / per_unit * factor_to_si(unit)
-
-
-def _counts_per_unit(recording: Recording, kind: str) -> float | None:
-    counts = believed_sensor(recording, kind).get("counts")
-    stated = counts.get("per_unit") if isinstance(counts, dict) else None  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
-    return float(stated) if isinstance(stated, int | float) else None

@@ -6,7 +6,7 @@ standard uncertainties and stand as rows in the budgets.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from calibration.algorithms.rate_table_readings import RateTable, StrokeReadings
 from calibration.algorithms.sinusoidal_overload import OverloadResult
 from calibration.algorithms.temperature_compensation import POWER_WORDS, TemperatureModel
 from calibration.algorithms.uncertainty_budget import BudgetRow, UncertaintyBudget
-from calibration.records.making import RecordContent, covariance_block, coverage_factor, triad_quantities
+from calibration.records.content_parts import limited, quantity, record_table
+from calibration.records.making import RecordContent, covariance_block, triad_quantities
 from calibration.records.record import COVERAGE_PROBABILITY, LINEAR_TRIAD_TEMPERATURE
 from calibration.records.record_parts import (
     CalibratedQuantity,
@@ -29,8 +30,6 @@ from calibration.records.record_parts import (
     Model,
     RecordedBudget,
     RecordedBudgetRow,
-    RecordTable,
-    TableColumn,
     TemperatureSpan,
 )
 
@@ -83,10 +82,10 @@ def rate_gyro_content(
             _of_budget("scale_factor", "K", of_slope, of_slope.estimate),
             _of_budget("bias", "Y_0", of_bias, of_bias.estimate),
             _of_budget("scale_factor_nonlinearity", "l", of_linearity, result.linearity[line_method]),
-            _quantity(
+            quantity(
                 "hysteresis", "", result.hysteresis, "1", result.hysteresis_standard_uncertainty, strokes
             ),
-            _quantity(
+            quantity(
                 "repeatability",
                 "s",
                 result.repeatability,
@@ -102,7 +101,7 @@ def rate_gyro_content(
             recorded_budget("scale_factor_nonlinearity", of_linearity),
         ),
         tables=(
-            _table(
+            record_table(
                 "readings",
                 ("rate", "rad/s", readings.points.rate_rad_s),
                 *(
@@ -163,7 +162,7 @@ def pure_lag_content(lag: PureLag) -> RecordContent:
     """Paper 3: the lag and the bounds that it lies between for certain."""
     bounds = Interval(lower=lag.lower_s, upper=lag.upper_s, probability=1.0)
     # Evenly between bounds: 95.45 % lie within 1.653 standard deviations of the middle.
-    found = _quantity("pure_lag", "tau", lag.lag_s, "s", lag.standard_uncertainty_s)
+    found = quantity("pure_lag", "tau", lag.lag_s, "s", lag.standard_uncertainty_s)
     evenly = {"interval": bounds, "coverage_factor": math.sqrt(3.0) * COVERAGE_PROBABILITY}
     return RecordContent(
         method="pure_lag",
@@ -194,7 +193,7 @@ def overload_content(result: OverloadResult) -> RecordContent:
         method="sinusoidal_overload",
         model=Model(name="overload", equation="dN/dt = K_1 (1 + K_a sgn A) (K_0 + A + K_2 A|A|)"),
         quantities=tuple(
-            _quantity(name, symbol, value, unit, float(u))
+            quantity(name, symbol, value, unit, float(u))
             for name, symbol, value, unit, u in zip(
                 names, ("K_a", "K_2"), values, units, uncertainties, strict=True
             )
@@ -212,7 +211,7 @@ def g_sensitivity_content(found: GSensitivity) -> RecordContent:
         method="sinusoidal_overload",
         model=Model(name="g_sensitivity", equation="bias = bias_0 + D f"),
         quantities=tuple(
-            _quantity(
+            quantity(
                 names[i][j],
                 f"D_{i + 1}{'xyz'[j]}",
                 float(found.matrix[i, j]),
@@ -244,7 +243,7 @@ def allan_content(fit: AllanFit, unit: str) -> RecordContent:
         if fit.determined(term):
             uncertainty = fit.standard_uncertainty(term)
             known.append(index)
-        found = _quantity(name, "QNBKR"[index], value, unit_of_term, uncertainty, interval=interval)
+        found = quantity(name, "QNBKR"[index], value, unit_of_term, uncertainty, interval=interval)
         quantities.append(found)
     covariance = ()
     if known:
@@ -259,7 +258,7 @@ def allan_content(fit: AllanFit, unit: str) -> RecordContent:
         quantities=tuple(quantities),
         covariance=covariance,
         tables=(
-            _table(
+            record_table(
                 "residuals", ("averaging_time", "s", fit.tau_s), ("relative_residual", "1", fit.residuals)
             ),
         ),
@@ -284,7 +283,7 @@ def magnetometer_content(found: MagnetometerCoefficients, unit: str, field_unit:
         method="magnetometer",
         model=Model(name="ellipsoid", equation="h = K (m - b), K symmetric"),
         quantities=tuple(
-            _quantity(*each)
+            quantity(*each)
             for each in zip(names, symbols, values, units, map(float, uncertainties), strict=True)
         ),
         covariance=(covariance_block(names, found.covariance),),
@@ -319,7 +318,7 @@ def temperature_content(model: TemperatureModel) -> RecordContent:
         ),
         quantities=quantities,
         covariance=covariance,
-        tables=(_table("nodes", *columns()),),
+        tables=(record_table("nodes", *columns()),),
         valid_temperature=TemperatureSpan(low_c=low, high_c=high),
     )
 
@@ -337,45 +336,10 @@ def _row(row: BudgetRow) -> RecordedBudgetRow:
         standard_uncertainty=row.standard_uncertainty,
         distribution=row.distribution,
         sensitivity=row.sensitivity,
-        degrees_of_freedom=_limited(row.degrees_of_freedom),
+        degrees_of_freedom=limited(row.degrees_of_freedom),
     )
 
 
 def _of_budget(name: str, symbol: str, budget: UncertaintyBudget, value: float) -> CalibratedQuantity:
-    freedom = _limited(budget.degrees_of_freedom)
-    return _quantity(name, symbol, value, budget.unit, budget.standard_uncertainty, freedom)
-
-
-def _quantity(
-    name: str,
-    symbol: str,
-    value: float,
-    unit: str,
-    uncertainty: float | None,
-    freedom: float | None = None,
-    interval: Interval | None = None,
-) -> CalibratedQuantity:
-    return CalibratedQuantity(
-        name=name,
-        symbol=symbol,
-        value=value,
-        unit=unit,
-        standard_uncertainty=uncertainty,
-        degrees_of_freedom=freedom,
-        coverage_factor=coverage_factor(freedom),
-        interval=interval,
-    )
-
-
-def _limited(degrees_of_freedom: float) -> float | None:
-    return None if math.isinf(degrees_of_freedom) else float(degrees_of_freedom)
-
-
-def _table(name: str, *columns: tuple[str, str, FloatArray | Sequence[float]]) -> RecordTable:
-    return RecordTable(
-        name=name,
-        columns=tuple(
-            TableColumn(name=column, unit=unit, values=tuple(float(value) for value in values))
-            for column, unit, values in columns
-        ),
-    )
+    freedom = limited(budget.degrees_of_freedom)
+    return quantity(name, symbol, value, budget.unit, budget.standard_uncertainty, freedom)
