@@ -24,7 +24,7 @@ from calibration.algorithms.captures import (
     place_in_time,
 )
 from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
-from calibration.algorithms.linear_triad import LinearFit, fit_linear_triad
+from calibration.algorithms.linear_triad import LinearFit, fit_linear_triad, fit_with_unknown_slow_noise
 from calibration.algorithms.noise_covariance import Observations, noise_hypotheses
 from calibration.algorithms.screening import NotUsed
 from protocol.errors import CalibrationError, Fault
@@ -205,6 +205,8 @@ def _fit(
             remedy="look at what was not used and why, and record the session again.",
         )
     terms = (known,) if isinstance(known, SlowNoise) else known or ()
+    if not terms:
+        return fit_with_unknown_slow_noise(quantity, observations, where)
     slow = tuple((term.standard_deviation, term.correlation_time_s) for term in terms)
     return fit_linear_triad(quantity, observations, noise_hypotheses(observations, slow, True), where)
 

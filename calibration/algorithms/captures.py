@@ -212,9 +212,12 @@ def observe(runs: Sequence[Run], range_limit: float | None, not_used: list[NotUs
         not_used.extend(left_out)
         if len(usable) == 0:
             continue
+        whole = len(usable) == len(run.samples)
         for part in np.array_split(usable, run.parts):
             inputs.append(run.true_input)
-            outputs.append(run.samples[part].mean(axis=0))
+            # A view where nothing was left out; a product with ones sums far faster than down three columns.
+            taken = run.samples[part[0] : part[-1] + 1] if whole else run.samples[part]
+            outputs.append(np.full(len(taken), 1.0 / len(taken)) @ taken)
             middles.append(run.start_s + run.period_s * (float(part.mean()) + 0.5))
             durations.append(run.period_s * len(part))
             run_index.append(len(names))

@@ -7,6 +7,9 @@ curved surface by s^2 kappa / 2 on the mean, kappa the sum of its principal curv
 Points beyond `OUTLIER_DEVIATIONS` robust standard deviations are left out, counted and named; too many
 are refused. White noise of equal size on all channels is assumed; residuals that stay together in
 time (field of the hall, motion) widen the covariance by what their block means show.
+
+How it is fast: what is robust and goes round is done on at most `SAMPLE` of the points; a step or two
+on sums over all points, taken in blocks that stay in the cache, then gives what all of them tell.
 """
 
 from collections.abc import Callable
@@ -20,19 +23,29 @@ from protocol.errors import CalibrationError, Fault
 
 OUTLIER_DEVIATIONS = 4.5
 MAX_OUTLIER_PART = 0.2
+MAX_NOISE_PART = 0.2
+"""Of the smallest radius: points that scatter more lie on no surface, and have no distance to first order."""
 MAX_ROUNDS = 60
 ROBUST_ROUNDS = 12
+SAMPLE = 2048
+"""Points that the start is fitted to."""
+CHUNK = 4096
+FULL_ROUNDS = 12
+FULL_SETTLED = 2e-2
+"""What a further step could move, in standard uncertainties, at which the steps on all points end."""
 SETTLED = 1e-10
 START_SETTLED = 1e-3
 """The start of the fit only has to be near."""
 MAX_CONDITION = 1e6
 """Of the scaled normal matrix: beyond it the points do not go around far enough."""
+MAX_START_CONDITION = 1e12
 BLOCKS = 64
 MIN_BLOCK = 8
 MAX_BLOCK_SIGMAS = 3.0
 _MAD = 1.4826
 _HUBER = 1.345
 _FLOOR = 1e-12
+_GOLDEN = 0.6180339887498949
 _STEP_DEVIATIONS = 1e-2
 _STEP_PART = 1e-7
 
@@ -97,22 +110,22 @@ def fit_ellipsoid(points: FloatArray, where: str) -> EllipsoidFit:
     count = dimension + dimension * (dimension + 1) // 2
     if len(values) < 4 * count:
         raise _refused(f"{len(values)} points do not carry {count} parameters.", where, "record longer")
-    missing = int((~np.isfinite(values).all(axis=1)).sum())
-    if missing:
+    if not np.isfinite(values.sum()):
+        missing = int((~np.isfinite(values).all(axis=1)).sum())
         raise _refused(f"{missing} of {len(values)} points are missing (NaN).", where, "leave them out")
-    origin = np.median(values, axis=0)
-    scale = float(np.sqrt(((values - origin) ** 2).mean()))
+    chosen = _spread(len(values))
+    origin = np.median(values[chosen], axis=0)
+    scale = float(np.sqrt(((values[chosen] - origin) ** 2).mean()))
     if scale == 0.0:
         raise _refused("All points are the same.", where, "turn the unit, and look for a stuck output")
-    scaled = (values - origin) / scale
-    start = _algebraic(scaled, where)
-    used, parameters = _robust(scaled, start, where)
-    distance, jacobian = _distances(scaled[used], parameters)
-    freedom = len(distance) - count
-    variance = float((distance**2).sum() / freedom)
-    widened = _widening(distance)
-    normal = _checked_normal(jacobian, where)
-    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64) * variance * widened
+    scaled = np.ascontiguousarray(((values - origin) / scale).T)
+    sample = scaled if len(chosen) == len(values) else np.ascontiguousarray(scaled[:, chosen])
+    start = _robust(sample, _algebraic(sample, where), where)
+    parameters, sums = _on_all(scaled, start, where)
+    freedom = int(sums.used.sum()) - count
+    variance = sums.squares / freedom
+    widened = _widening(sums, variance)
+    covariance = np.asarray(np.linalg.inv(sums.normal), dtype=np.float64) * variance * widened
     unit = np.concatenate([np.full(dimension, scale), np.full(count - dimension, scale**-2.0)])
     centre, shape = unpack(parameters, dimension)
     return EllipsoidFit(
@@ -120,7 +133,7 @@ def fit_ellipsoid(points: FloatArray, where: str) -> EllipsoidFit:
         shape / scale**2,
         covariance * np.outer(unit, unit),
         scale * float(np.sqrt(variance)),
-        used,
+        sums.used,
         widened,
     )
 
@@ -149,23 +162,28 @@ def _upper(dimension: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return rows, columns
 
 
+def _spread(count: int) -> NDArray[np.intp]:
+    """At most `SAMPLE` rows out of `count`, in no step with any period of the data: frac(k^2 phi)."""
+    if count <= SAMPLE:
+        return np.arange(count)
+    k = np.arange(SAMPLE, dtype=np.float64)
+    return np.unique((count * ((k * k * _GOLDEN) % 1.0)).astype(np.intp))
+
+
 def _algebraic(points: FloatArray, where: str) -> FloatArray:
     """(o, Q) of v^T A v + 2 b^T v = 1, weighed anew so that far points lose their pull (Huber)."""
-    dimension = points.shape[1]
+    dimension = len(points)
     rows, columns = _upper(dimension)
     twice = np.where(rows == columns, 1.0, 2.0)
-    design = np.column_stack([points[:, rows] * points[:, columns] * twice, 2.0 * points])
-    weights = np.ones(len(points))
-    solution = np.zeros(design.shape[1])
+    design = np.vstack([points[rows] * points[columns] * twice[:, None], 2.0 * points])
+    weights = np.ones(points.shape[1])
+    solution = np.zeros(len(design))
     for _ in range(ROBUST_ROUNDS):
-        root = np.sqrt(weights)
-        found, _, rank, _ = np.linalg.lstsq(design * root[:, None], root, rcond=1e-9)
-        if rank < design.shape[1]:
-            raise _not_around(where)
-        before, solution = solution, np.asarray(found, dtype=np.float64)
+        normal = _checked_normal((design * weights) @ design.T, where, MAX_START_CONDITION)
+        before, solution = solution, np.asarray(np.linalg.solve(normal, design @ weights), dtype=np.float64)
         if np.abs(solution - before).max() <= START_SETTLED * np.abs(solution).max():
             break
-        residual = np.abs(design @ solution - 1.0)
+        residual = np.abs(solution @ design - 1.0)
         limit = max(_HUBER * _MAD * float(np.median(residual)), _FLOOR)
         weights = limit / np.maximum(residual, limit)
     _, matrix = unpack(np.concatenate([np.zeros(dimension), solution[: len(rows)]]), dimension)
@@ -176,78 +194,164 @@ def _algebraic(points: FloatArray, where: str) -> FloatArray:
     return _checked(np.concatenate([centre, matrix[rows, columns]]), dimension, where)
 
 
-def _robust(points: FloatArray, start: FloatArray, where: str) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Which points belong, and parameters fitted to them."""
-    used, parameters = np.ones(len(points), dtype=np.bool_), start
+@dataclass(frozen=True)
+class _Start:
+    """Parameters, and what tells an outlier: s and the distance from which a point is left out."""
+
+    parameters: FloatArray
+    noise_variance: float
+    limit: float
+
+
+def _robust(points: FloatArray, parameters: FloatArray, where: str) -> _Start:
+    """Parameters fitted to those of the points (d, n) that belong."""
+    count = points.shape[1]
+    used = np.zeros(count, dtype=np.bool_)
+    noise, limit = 0.0, 0.0
     for _ in range(ROBUST_ROUNDS):
-        distance, _ = _distances(points, parameters)
+        distance, _ = _distances(points, parameters, 0.0)
+        noise = _MAD * float(np.median(np.abs(distance)))
+        distance, _ = _distances(points, parameters, noise**2)
         limit = OUTLIER_DEVIATIONS * max(_MAD * float(np.median(np.abs(distance))), _FLOOR)
         belongs = np.abs(distance) <= limit
-        if belongs.mean() < 1.0 - MAX_OUTLIER_PART:
-            raise _refused(
-                f"{(~belongs).sum()} of {len(points)} points lie far from any one ellipse or ellipsoid.",
-                where,
-                "keep iron and currents away while the unit turns",
-            )
-        if (belongs == used).all() and parameters is not start:
+        _check_outliers(int((~belongs).sum()), count, where)
+        if (belongs == used).all():
             break
         used = belongs
-        parameters = _gauss_newton(points[used], parameters, where)
-    return used, parameters
+        parameters = _gauss_newton(points[:, used], parameters, noise**2, where)
+    _, shape = unpack(parameters, len(points))
+    if noise * float(np.sqrt(np.linalg.eigvalsh(shape)[-1])) > MAX_NOISE_PART:
+        raise _far_from_any("The points lie far from any one ellipse or ellipsoid.", where)
+    return _Start(parameters, noise**2, limit)
 
 
-def _gauss_newton(points: FloatArray, parameters: FloatArray, where: str) -> FloatArray:
+def _gauss_newton(
+    points: FloatArray, parameters: FloatArray, noise_variance: float, where: str
+) -> FloatArray:
     for _ in range(MAX_ROUNDS):
-        distance, jacobian = _distances(points, parameters)
-        normal = _checked_normal(jacobian, where)
-        step = np.asarray(np.linalg.solve(normal, -jacobian.T @ distance), dtype=np.float64)
-        parameters = _checked(parameters + step, points.shape[1], where)
+        distance, jacobian = _distances(points, parameters, noise_variance)
+        normal = _checked_normal(jacobian @ jacobian.T, where)
+        step = np.asarray(np.linalg.solve(normal, -jacobian @ distance), dtype=np.float64)
+        parameters = _checked(parameters + step, len(points), where)
         if np.abs(step).max() <= SETTLED * np.abs(parameters).max():
             return parameters
-    raise _refused(
-        f"The points lie far from any one ellipse or ellipsoid: no fit within {MAX_ROUNDS} rounds.",
-        where,
-        "keep iron and currents away while the unit turns",
+    raise _far_from_any(
+        f"The points lie far from any one ellipse or ellipsoid: no fit within {MAX_ROUNDS} rounds.", where
     )
 
 
-def _distances(points: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Distance of each point from the surface, less what noise lifts it, (n,); derivative (n, p)."""
-    dimension = points.shape[1]
+@dataclass(frozen=True)
+class _Sums:
+    """Over all points that belong, after a step: J^T J, d^T d; of blocks of points their d and number."""
+
+    normal: FloatArray
+    squares: float
+    block_sums: FloatArray
+    block_counts: FloatArray
+    used: NDArray[np.bool_]
+
+
+def _on_all(points: FloatArray, start: _Start, where: str) -> tuple[FloatArray, _Sums]:
+    """Gauss-Newton on all points (d, n); distances after the last step are those of its linear model."""
+    parameters = start.parameters
+    for _ in range(FULL_ROUNDS):
+        jacobian_sums, normal, gradient, sums = _pass(points, parameters, start)
+        _check_outliers(points.shape[1] - int(sums.used.sum()), points.shape[1], where)
+        _checked_normal(normal, where)
+        step = np.asarray(np.linalg.solve(normal, -gradient), dtype=np.float64)
+        parameters = _checked(parameters + step, len(points), where)
+        variance = max(sums.squares / int(sums.used.sum()), _FLOOR**2)
+        squares = sums.squares + float(gradient @ step)
+        block_sums = sums.block_sums + jacobian_sums @ step
+        # What a next step would do is of second order: this one, times its part of the parameters.
+        moved = float(np.sqrt(step @ normal @ step / variance))
+        if moved * float(np.abs(step).max()) <= FULL_SETTLED * float(np.abs(parameters).max()):
+            return parameters, _Sums(normal, max(squares, 0.0), block_sums, sums.block_counts, sums.used)
+    raise _far_from_any(
+        f"The points lie far from any one ellipse or ellipsoid: no fit within {FULL_ROUNDS} rounds.", where
+    )
+
+
+def _pass(
+    points: FloatArray, parameters: FloatArray, start: _Start
+) -> tuple[FloatArray, FloatArray, FloatArray, _Sums]:
+    """Sums of J by block (b, p), J^T J, J^T d, and the rest, at these parameters."""
+    number, count = points.shape[1], len(parameters)
+    chunk = max(1, number // BLOCKS)
+    chunk *= max(1, CHUNK // chunk)  # whole blocks, in the cache
+    normal, gradient, squares = np.zeros((count, count)), np.zeros(count), 0.0
+    used = np.empty(number, dtype=np.bool_)
+    block = max(1, number // BLOCKS)
+    jacobian_sums, block_sums, block_counts = [], [], []
+    for begin in range(0, number, chunk):
+        distance, jacobian = _distances(points[:, begin : begin + chunk], parameters, start.noise_variance)
+        belongs = np.abs(distance) <= start.limit
+        used[begin : begin + chunk] = belongs
+        if not belongs.all():
+            distance *= belongs
+            jacobian *= belongs
+        normal += jacobian @ jacobian.T
+        gradient += jacobian @ distance
+        squares += float(distance @ distance)
+        edges = np.arange(0, len(distance), block)
+        jacobian_sums.append(np.add.reduceat(jacobian, edges, axis=1).T)
+        block_sums.append(np.add.reduceat(distance, edges))
+        block_counts.append(np.add.reduceat(belongs, edges, dtype=np.float64))
+    sums = _Sums(normal, squares, np.concatenate(block_sums), np.concatenate(block_counts), used)
+    return np.concatenate(jacobian_sums), normal, gradient, sums
+
+
+def _distances(
+    points: FloatArray, parameters: FloatArray, noise_variance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Distance of each point (d, n) from the surface, less what noise lifts it, (n,); derivative (p, n)."""
+    dimension = len(points)
     centre, shape = unpack(parameters, dimension)
-    rows, columns = _upper(dimension)
-    radius_vector = points - centre
-    image = radius_vector @ shape
-    level = np.sqrt(np.maximum((radius_vector * image).sum(axis=1), _FLOOR))
-    steepness = np.linalg.norm(image, axis=1) / level
-    distance = (level - 1.0) / steepness
-    normals = image / np.linalg.norm(image, axis=1, keepdims=True)
-    curvature = (np.trace(shape) - ((normals @ shape) * normals).sum(axis=1)) / (steepness * level)
-    noise_variance = (_MAD * float(np.median(np.abs(distance)))) ** 2
+    radius_vector = points - centre[:, None]
+    image = shape @ radius_vector
+    level = np.sqrt(np.maximum(np.einsum("in,in->n", radius_vector, image), _FLOOR))
+    square = np.einsum("in,in->n", image, image)
+    steep = np.sqrt(square)
+    distance = (level - 1.0) * level / steep
     # At the foot of each point: at the point itself the derivative would share its noise, and bias the fit.
-    foot = radius_vector - distance[:, None] * normals
-    foot_image = foot @ shape
-    twice = np.where(rows == columns, 0.5, 1.0)
-    derivative = np.column_stack([-foot_image, foot[:, rows] * foot[:, columns] * twice])
-    jacobian = derivative / np.linalg.norm(foot_image, axis=1, keepdims=True)
-    return distance - noise_variance * curvature / 2.0, jacobian
+    foot = radius_vector - image * (distance / steep)
+    derivative = np.empty((len(parameters), points.shape[1]))
+    foot_image = np.matmul(shape, foot, out=derivative[:dimension])
+    inverse = 1.0 / np.sqrt(np.einsum("in,in->n", foot_image, foot_image))
+    foot_image *= -inverse
+    scaled = foot * inverse
+    row = dimension
+    for axis in range(dimension):
+        others = slice(row, row + dimension - axis)
+        np.multiply(foot[axis:], scaled[axis], out=derivative[others])
+        derivative[row] *= 0.5
+        row += dimension - axis
+    if noise_variance > 0.0:
+        along = np.einsum("in,in->n", image, shape @ image)
+        # kappa s^2 / 2 with kappa = (tr Q - n^T Q n) / |Q r|
+        distance -= (np.trace(shape) - along / square) * (0.5 * noise_variance / steep)
+    return distance, derivative
 
 
-def _widening(distance: FloatArray) -> float:
+def _widening(sums: _Sums, variance: float) -> float:
     """Variance of block means over that of white noise, where it is significantly more."""
-    block = len(distance) // BLOCKS
-    if block < MIN_BLOCK:
+    whole = sums.block_counts >= MIN_BLOCK
+    if whole.sum() < BLOCKS // 2 or variance <= 0.0:
         return 1.0
-    means = distance[: block * BLOCKS].reshape(BLOCKS, block).mean(axis=1)
-    white = float(distance.var()) / block
-    ratio = float(means.var(ddof=1)) / white if white > 0.0 else 1.0
-    return ratio if ratio > 1.0 + MAX_BLOCK_SIGMAS * np.sqrt(2.0 / (BLOCKS - 1)) else 1.0
+    counts = sums.block_counts[whole]
+    scaled = sums.block_sums[whole] / np.sqrt(counts * variance)
+    ratio = float(scaled.var(ddof=1))
+    return ratio if ratio > 1.0 + MAX_BLOCK_SIGMAS * np.sqrt(2.0 / (len(counts) - 1)) else 1.0
 
 
-def _checked_normal(jacobian: FloatArray, where: str) -> FloatArray:
-    normal = jacobian.T @ jacobian
+def _check_outliers(outside: int, count: int, where: str) -> None:
+    if outside > MAX_OUTLIER_PART * count:
+        raise _far_from_any(f"{outside} of {count} points lie far from any one ellipse or ellipsoid.", where)
+
+
+def _checked_normal(normal: FloatArray, where: str, most: float = MAX_CONDITION) -> FloatArray:
     size = np.sqrt(np.diag(normal))
-    if size.min() <= 0.0 or np.linalg.cond(normal / np.outer(size, size)) > MAX_CONDITION:
+    if size.min() <= 0.0 or np.linalg.cond(normal / np.outer(size, size)) > most:
         raise _not_around(where)
     return normal
 
@@ -265,6 +369,10 @@ def _not_around(where: str) -> CalibrationError:
         where,
         "turn it through all directions (in a spin: more than half a turn at unequal phases)",
     )
+
+
+def _far_from_any(what: str, where: str) -> CalibrationError:
+    return _refused(what, where, "keep iron and currents away while the unit turns")
 
 
 def _refused(what: str, where: str, remedy: str) -> CalibrationError:

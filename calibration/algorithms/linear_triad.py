@@ -8,12 +8,19 @@ mean of the covariances plus the spread of the estimates (law of total variance)
 Restricted likelihood: Patterson & Thompson, Biometrika 58 (1971) 545.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
-from calibration.algorithms.noise_covariance import NoiseHypothesis, Observations
+from calibration.algorithms.noise_covariance import (
+    NoiseHypothesis,
+    Observations,
+    noise_hypotheses,
+    slow_noise_grid,
+)
+from calibration.algorithms.slow_noise_grid import can_whiten, whitened_products
 from protocol.errors import CalibrationError, Fault
 
 MIN_EXCITATION = 0.1
@@ -96,27 +103,92 @@ def fit_linear_triad(
     Raises:
         CalibrationError: the geometry is degenerate.
     """
+    _check_runs(quantity, observations, where)
+    design = _design(observations)
+    solved = [_solve(design, observations.output, hypothesis.covariance) for hypothesis in hypotheses]
+    stacked = _Solutions(
+        np.array([s.estimate for s in solved]),
+        np.array([s.covariance for s in solved]),
+        np.array([s.log_likelihood for s in solved]),
+        np.array([s.chi_square for s in solved]),
+    )
+    prior = np.array([hypothesis.prior for hypothesis in hypotheses])
+    return _averaged(quantity, observations, stacked, prior, lambda index: hypotheses[index].words)
+
+
+def fit_with_unknown_slow_noise(quantity: Quantity, observations: Observations, where: str) -> LinearFit:
+    """The same, slow noise of no known level averaged over.
+
+    Where no reference has an error of its own the covariances of the three axes are of one shape, and
+    all hypotheses are whitened together (`slow_noise_grid`).
+
+    Raises:
+        CalibrationError: the geometry is degenerate.
+    """
+    _check_runs(quantity, observations, where)
+    grid = slow_noise_grid(observations)
+    if observations.reference_covariance.any() or not can_whiten(observations.duration_s, grid.correlation_s):
+        return fit_linear_triad(quantity, observations, noise_hypotheses(observations, (), True), where)
+    design = _design(observations)
+    products, log_determinant = whitened_products(
+        np.column_stack([design, observations.output]),
+        observations.middle_s,
+        observations.duration_s,
+        grid.level,
+        grid.correlation_s,
+    )
+    normal, right, squares = products[:, :4, :4], products[:, :4, 4:], products[:, 4:, 4:]
+    inverse: FloatArray = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    estimate = inverse @ right  # (h, 4, 3)
+    left_over = np.einsum("hii->hi", squares) - np.einsum("hpi,hpi->hi", right, estimate)
+    chi_square = (np.maximum(left_over, 0.0) / grid.density).sum(axis=1)
+    # The three axes' densities change ln det V and ln det of the normal matrices by the same for all.
+    log_likelihood = -0.5 * (chi_square + 3.0 * (log_determinant + np.linalg.slogdet(normal)[1]))
+    covariance = inverse[:, None] * grid.density[:, None, None]
+    solutions = _Solutions(estimate, covariance, log_likelihood, chi_square)
+    return _averaged(quantity, observations, solutions, grid.prior, grid.words)
+
+
+@dataclass(frozen=True)
+class _Solutions:
+    estimate: FloatArray  # (h, 4, 3)
+    covariance: FloatArray  # (h, 3, 4, 4)
+    log_likelihood: FloatArray  # (h,), up to what is common to all
+    chi_square: FloatArray  # (h,)
+
+
+def _check_runs(quantity: Quantity, observations: Observations, where: str) -> None:
     runs = np.arange(len(observations.run_names))
     check_excitation(quantity, _run_means(observations.true_input, observations.run, runs), where)
-    design = np.column_stack([observations.true_input, np.ones(len(observations.output))])
-    solved = [_solve(design, observations.output, hypothesis.covariance) for hypothesis in hypotheses]
-    log_weights = np.array(
-        [np.log(h.prior) + s.log_likelihood for h, s in zip(hypotheses, solved, strict=True)]
-    )
+
+
+def _design(observations: Observations) -> FloatArray:
+    return np.column_stack([observations.true_input, np.ones(len(observations.output))])
+
+
+def _averaged(
+    quantity: Quantity,
+    observations: Observations,
+    solved: _Solutions,
+    prior: FloatArray,
+    words: Callable[[int], str],
+) -> LinearFit:
+    """The mean over the hypotheses, by prior and likelihood."""
+    log_weights = np.log(prior) + solved.log_likelihood
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     best = int(weights.argmax())
 
-    estimates = np.array([s.estimate for s in solved])  # (h, 4, 3)
-    mean = np.einsum("h,hpi->pi", weights, estimates)
-    spread = estimates - mean
-    per_axis = np.einsum("h,hipq->ipq", weights, np.array([s.covariance for s in solved]))
+    mean = np.einsum("h,hpi->pi", weights, solved.estimate)
+    spread = solved.estimate - mean
+    per_axis = np.einsum("h,hipq->ipq", weights, solved.covariance)
     per_axis += np.einsum("h,hpi,hqi->ipq", weights, spread, spread)
 
     freedom = observations.output.size - mean.size
-    chi_square_ratio = solved[best].chi_square / freedom if freedom > 0 else 1.0
+    chi_square_ratio = float(solved.chi_square[best]) / freedom if freedom > 0 else 1.0
     if freedom > 0 and chi_square_ratio > 1.0 + MAX_CHI_SQUARE_SIGMAS * np.sqrt(2.0 / freedom):
         per_axis = per_axis * chi_square_ratio
+    design = _design(observations)
     residuals = observations.output - design @ mean
     coefficients = TriadCoefficients(
         quantity=quantity,
@@ -129,8 +201,8 @@ def fit_linear_triad(
     return LinearFit(
         coefficients,
         residuals,
-        float(chi_square_ratio),
-        hypotheses[best].words,
+        chi_square_ratio,
+        words(best),
         float(weights[best]),
         tuple(float(weight) for weight in weights),
     )

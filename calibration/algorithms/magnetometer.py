@@ -17,6 +17,8 @@ from protocol.errors import CalibrationError, Fault
 
 MIN_DIRECTION_PART = 0.02
 """Least eigenvalue of the directions' mean outer product, 1/3 when they fill the sphere evenly."""
+DIRECTIONS = 5000
+"""Outputs, at least half as many, that are looked at for the directions."""
 UPPER = tuple((row, column) for row in range(3) for column in range(row, 3))
 
 
@@ -108,7 +110,8 @@ def hard_and_soft_iron(output: FloatArray, field: float | None = None) -> Magnet
 
 
 def _check_directions(found: MagnetometerCoefficients, fit: EllipsoidFit, output: FloatArray) -> None:
-    directions = found.compensate(output[fit.used])
+    used = np.flatnonzero(fit.used)
+    directions = found.compensate(output[used[:: len(used) // DIRECTIONS + 1]])
     directions = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     least, axes = np.linalg.eigh(directions.T @ directions / len(directions))
     if least[0] < MIN_DIRECTION_PART:

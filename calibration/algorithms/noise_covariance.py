@@ -20,6 +20,7 @@ SLOW_TO_WHITE_RATIOS = tuple(float(r) for r in np.geomspace(0.25, 64.0, 9))
 """Levels of the slow noise that are weighed, relative to the white noise of one capture's mean."""
 CORRELATION_SPANS = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0, 2.0, 4.0)
 """Correlation times that are weighed, relative to the length of the session."""
+WHITE_WORDS = "white noise"
 RELATIVE_NOISE_FLOOR = 1e-9
 """Noise is never taken below this part of the largest output: a covariance must be invertible."""
 
@@ -54,6 +55,29 @@ class NoiseHypothesis:
     covariance: FloatArray
     prior: float
     words: str
+
+
+@dataclass(frozen=True)
+class SlowNoiseGrid:
+    """White noise and levels and correlation times of slow noise, all of the same shape on each axis.
+
+    Attributes:
+        density: white, of each axis, shape (3,), SI^2 s.
+        level: of the slow noise for a white density of 1, shape (h,); the first is 0: white alone.
+        correlation_s: shape (h,).
+        prior: weights that add up to 1, shape (h,).
+    """
+
+    density: FloatArray
+    level: FloatArray
+    correlation_s: FloatArray
+    prior: FloatArray
+
+    def words(self, index: int) -> str:
+        """What hypothesis `index` says."""
+        if index == 0:
+            return WHITE_WORDS
+        return slow_words(SLOW_TO_WHITE_RATIOS[(index - 1) % len(SLOW_TO_WHITE_RATIOS)])
 
 
 def white_density(observations: Observations) -> FloatArray:
@@ -123,18 +147,35 @@ def noise_hypotheses(
         terms = " and ".join(f"{level:.2g} with {correlation_s:.3g} s" for level, correlation_s in known_slow)
         return (NoiseHypothesis(base + slow, 1.0, f"bias instability {terms}, as stated"),)
     if not unknown_slow:
-        return (NoiseHypothesis(base, 1.0, "white noise"),)
+        return (NoiseHypothesis(base, 1.0, WHITE_WORDS),)
+    grid = slow_noise_grid(observations)
+    hypotheses = [NoiseHypothesis(base, float(grid.prior[0]), WHITE_WORDS)]
+    for index in range(1, len(grid.level)):
+        correlation_s = float(grid.correlation_s[index])
+        shape = gauss_markov_covariance(observations.middle_s, observations.duration_s, correlation_s)
+        variance = float(grid.level[index]) ** 2 * density
+        covariance = base + variance[:, None, None] * shape
+        hypotheses.append(NoiseHypothesis(covariance, float(grid.prior[index]), grid.words(index)))
+    return tuple(hypotheses)
+
+
+def slow_noise_grid(observations: Observations) -> SlowNoiseGrid:
+    """Half the prior to white noise alone, half log-uniform over levels and correlation times."""
     span_s = float(np.ptp(observations.middle_s)) or float(observations.duration_s.max())
     per_run_s = float(observations.duration_s.sum()) / len(observations.run_names)
-    weight = 0.5 / (len(SLOW_TO_WHITE_RATIOS) * len(CORRELATION_SPANS))
-    hypotheses = [NoiseHypothesis(base, 0.5, "white noise")]
-    for spans in CORRELATION_SPANS:
-        shape = gauss_markov_covariance(observations.middle_s, observations.duration_s, spans * span_s)
-        for ratio in SLOW_TO_WHITE_RATIOS:
-            variance = ratio**2 * density / per_run_s
-            words = f"bias instability of {ratio:.2g} times a capture's white noise"
-            hypotheses.append(NoiseHypothesis(base + variance[:, None, None] * shape, weight, words))
-    return tuple(hypotheses)
+    ratios, spans = np.array(SLOW_TO_WHITE_RATIOS), np.array(CORRELATION_SPANS)
+    weight = 0.5 / (len(ratios) * len(spans))
+    return SlowNoiseGrid(
+        density=white_density(observations),
+        level=np.append(0.0, np.tile(ratios, len(spans)) / np.sqrt(per_run_s)),
+        correlation_s=np.append(span_s, np.repeat(spans, len(ratios)) * span_s),
+        prior=np.append(0.5, np.full(len(ratios) * len(spans), weight)),
+    )
+
+
+def slow_words(ratio: float) -> str:
+    """A level of slow noise in words."""
+    return f"bias instability of {ratio:.2g} times a capture's white noise"
 
 
 def _reference_part(observations: Observations) -> FloatArray:

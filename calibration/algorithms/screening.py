@@ -54,9 +54,12 @@ def screen_static(
         min_samples: fewer usable samples than this are too short a rest.
         time_s: shape (n,); None: gaps cannot be seen and are not looked for.
     """
-    missing = ~np.isfinite(samples).all(axis=1)
-    clipped = saturated(samples, range_limit) & ~missing
     left_out: list[NotUsed] = []
+    if _whole(samples, range_limit) and len(samples) >= min_samples:
+        missing = clipped = np.zeros(len(samples), dtype=np.bool_)
+    else:
+        missing = ~np.isfinite(samples).all(axis=1)
+        clipped = saturated(samples, range_limit) & ~missing
     if time_s is not None and (holes := _lost_in_gaps(time_s)):
         left_out.append(NotUsed(name, holes, "never came: gaps in time"))
     if missing.any():
@@ -75,12 +78,29 @@ def screen_static(
     return usable, tuple(left_out)
 
 
+def _whole(samples: FloatArray, range_limit: float | None) -> bool:
+    """Nothing missing and nothing saturated, at the price of one look at the extremes."""
+    if not samples.size:
+        return False
+    highest, lowest = float(samples.max()), float(samples.min())
+    limit = np.inf if range_limit is None else range_limit
+    return -limit < lowest and highest < limit  # NaN compares as False
+
+
 def _lost_in_gaps(time_s: FloatArray) -> int:
     """Samples that a uniform record of the same span would have more."""
     spacing = np.diff(time_s)
-    if len(spacing) == 0 or float(spacing.max()) <= MAX_PERIOD_RATIO * float(np.median(spacing)):
+    if len(spacing) == 0 or _even(spacing):
+        return 0
+    if float(spacing.max()) <= MAX_PERIOD_RATIO * float(np.median(spacing)):
         return 0
     return round(float(time_s[-1] - time_s[0]) / float(np.median(spacing))) + 1 - len(time_s)
+
+
+def _even(spacing: FloatArray) -> bool:
+    """No gap for certain: the median is not below the least spacing."""
+    least = float(spacing.min())
+    return least > 0.0 and float(spacing.max()) <= MAX_PERIOD_RATIO * least
 
 
 def screen_rotation(
@@ -100,13 +120,16 @@ def screen_rotation(
     if count < MIN_ROTATION_SAMPLES:
         return (NotUsed(name, count, f"too short: fewer than {MIN_ROTATION_SAMPLES} samples"),)
     reasons: list[NotUsed] = []
-    missing = int((~np.isfinite(samples).all(axis=1)).sum())
-    if missing:
-        reasons.append(NotUsed(name, count, f"{missing} missing values (NaN) inside the turn"))
-    clipped = int(saturated(samples, range_limit).sum())
-    if clipped:
-        reasons.append(NotUsed(name, count, f"{clipped} saturated samples inside the turn"))
+    if not _whole(samples, range_limit):
+        missing = int((~np.isfinite(samples).all(axis=1)).sum())
+        if missing:
+            reasons.append(NotUsed(name, count, f"{missing} missing values (NaN) inside the turn"))
+        clipped = int(saturated(samples, range_limit).sum())
+        if clipped:
+            reasons.append(NotUsed(name, count, f"{clipped} saturated samples inside the turn"))
     spacing = np.diff(time_s)
+    if _even(spacing):
+        return tuple(reasons)
     period = float(np.median(spacing))
     if period <= 0 or bool((spacing <= 0).any()):
         reasons.append(NotUsed(name, count, "its time does not run forward"))
