@@ -11,6 +11,7 @@ D is in (rad/s)/(m/s^2), row: gyro, column: body axis of the specific force.
 """
 
 # pyright: strict
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -80,7 +81,8 @@ class RunResponse:
 
     Attributes:
         response: d, (rad/s)/(m/s^2).
-        variance: of it, from the scatter of the cycles or the counting, whichever is larger.
+        variance: of it; by `response_of_run` from the scatter of the cycles or the counting, whichever is
+            larger.
         rate_rad_s: w.
         printed: d by eq (16)-(18).
     """
@@ -109,11 +111,12 @@ def response_of_run(run: GyroRun, scale_factor_pulse_rad: FloatArray) -> RunResp
     each, _ = response_along(run.motion, run.pulses, 1.0)
     total, counted = run.motion.total(), run.pulses.sum(axis=0, keepdims=True)
     slope, rate = response_along(total, counted, 1.0)
-    variance = each.var(axis=0, ddof=1) / cycles * t_inflation(cycles - 1) ** 2
+    seen = each.var(axis=0, ddof=1)
+    variance = seen / cycles * t_inflation(cycles - 1) ** 2
     speed = float(total.speed_change_m_s.sum())
     return RunResponse(
         slope[0] / scale_factor_pulse_rad,
-        np.maximum(variance, _counting_variance(total, cycles)) / scale_factor_pulse_rad**2,
+        np.maximum(variance, _counting_variance(total, cycles, seen)) / scale_factor_pulse_rad**2,
         rate[0] / scale_factor_pulse_rad,
         (counted[0, 0] - counted[0, 1]) / (speed * scale_factor_pulse_rad),
     )
@@ -139,6 +142,23 @@ def calibrate_g_sensitivity(
     directions = np.array([run.direction_body for run in runs], dtype=np.float64).reshape(-1, 3)
     _check_directions(directions)
     found = [response_of_run(run, scale_factor_pulse_rad) for run in runs]
+    return combine_runs(directions, found, u_scale_factor, u_grating)
+
+
+def combine_runs(
+    directions: FloatArray, found: Sequence[RunResponse], u_scale_factor: float, u_grating: float
+) -> GSensitivity:
+    """D from what each run tells.
+
+    Args:
+        directions: unit vectors of the motion in body axes, shape (runs, 3).
+        found: one a run.
+        u_scale_factor, u_grating: relative standard uncertainties, common to all runs.
+
+    Raises:
+        CalibrationError: directions that leave a body axis without excitation (it is named).
+    """
+    _check_directions(directions)
     # slopes (runs, 3 gyros) = directions D^T
     to_columns = np.asarray(np.linalg.pinv(directions), dtype=np.float64)
     matrix = (to_columns @ np.array([one.response for one in found])).T
@@ -149,13 +169,21 @@ def calibrate_g_sensitivity(
     return GSensitivity(matrix, covariance, np.array([one.rate_rad_s for one in found]), printed.T)
 
 
-def _counting_variance(total: HalfCycles, cycles: int) -> float:
-    """Of d times E_1, from pulses cut at the halves' boundaries (see `sinusoidal_overload`)."""
-    duration, speed = total.duration_s[0], total.speed_change_m_s[0]
+def _counting_variance(total: HalfCycles, cycles: int, seen: FloatArray) -> FloatArray:
+    """Of the mean of d times E_1, from pulses cut at the halves' boundaries, shape (3,).
+
+    Two counters, each cut evenly over one pulse, make 1/6 a cut, shared by its halves with opposite signs.
+    Pulses that step with the cycles are cut alike in each of them: the mean then errs as one cycle does, and
+    the scatter does not tell. Only noise of s pulses, seen as what the cycles scatter beyond counting, moves
+    the cuts through the pulse: their errors correlate by exp(-2 pi^2 s^2) from a cycle to the next.
+    """
+    duration, speed = total.duration_s[0] / cycles, total.speed_change_m_s[0] / cycles
     effect = np.array([1.0, -1.0]) / duration / float((speed / duration).sum())
-    shared = -(2.0 * cycles - 1.0)
-    counting = np.array([[2.0 * cycles, shared], [shared, 2.0 * cycles]]) / 12.0
-    return float(effect @ counting @ effect)
+    counting = np.array([[2.0, -2.0], [-2.0, 2.0]]) / 6.0
+    one_cycle = float(effect @ counting @ effect)
+    noise = np.maximum(seen - one_cycle, 0.0) / float(effect @ effect)
+    kept = np.exp(-2.0 * math.pi**2 * noise)
+    return one_cycle * np.minimum((1.0 + kept) / np.maximum((1.0 - kept) * cycles, 1e-300), 1.0)
 
 
 def _check_directions(directions: FloatArray) -> None:

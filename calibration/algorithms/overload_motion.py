@@ -43,6 +43,8 @@ class OverloadMotion:
         residual_rms_m: of the fit.
         relative_uncertainty: bound on the relative standard uncertainty of V and S's root from the
             grating's noise; combine it with the grating's own length error (`u_grating`).
+        terms_m: of the position: constant, cosines, sines of the phase since `start_s`.
+        start_s: where the phase is zero.
     """
 
     half_cycles: HalfCycles
@@ -52,6 +54,16 @@ class OverloadMotion:
     peak_m_s2: float
     residual_rms_m: float
     relative_uncertainty: float
+    terms_m: FloatArray
+    start_s: float
+
+    def slide(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Position about its mean (m), speed (m/s), acceleration (m/s^2), shapes (n,)."""
+        frequency = self.angular_frequency_rad_s
+        basis = _basis(frequency * (time_s - self.start_s))
+        centred = np.concatenate([[0.0], self.terms_m[1:]])
+        speed = _derivative(centred) * frequency
+        return basis @ centred, basis @ speed, basis @ (_derivative(speed) * frequency)
 
 
 def half_cycles_from_grating(time_s: FloatArray, position_m: FloatArray) -> OverloadMotion:
@@ -194,6 +206,8 @@ def _cut(
         peak_m_s2=float(np.abs(force).max()),
         residual_rms_m=residual_rms,
         relative_uncertainty=relative,
+        terms_m=terms,
+        start_s=start_s,
     )
 
 

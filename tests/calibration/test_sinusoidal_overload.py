@@ -261,7 +261,7 @@ def test_the_matrix_is_covered_at_its_stated_rate() -> None:
     generator = np.random.default_rng(11)
     for _ in range(200):
         runs = [
-            GyroRun(run.direction_body, run.motion, run.pulses + generator.normal(0.0, 1.0, run.pulses.shape))
+            GyroRun(run.direction_body, run.motion, run.pulses + generator.normal(0.0, 4.0, run.pulses.shape))
             for run in crank_runs
         ]
         found = calibrate_g_sensitivity(runs, np.full(3, 3600.0), 0.0, 0.0)
