@@ -2,10 +2,13 @@
 
 A module of this package named `bench_*` has `run() -> list[dict]` with the keys figure, value, unit,
 goal, met, compared_with; a goal may be a number (at least) or text. `met` None: printed for information.
+
+Linear algebra runs in one thread, ours and the peers': further threads that wait count as CPU time.
 """
 
 import importlib
 import json
+import os
 import pkgutil
 import sys
 from collections.abc import Mapping
@@ -17,6 +20,7 @@ from rich.table import Table
 
 import benchmarks
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 REPORT_WIDTH = 160
 """Of the table in a file or a log, where no terminal says how wide it is."""
 

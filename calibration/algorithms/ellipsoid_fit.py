@@ -9,7 +9,7 @@ are refused. White noise of equal size on all channels is assumed; residuals tha
 time (field of the hall, motion) widen the covariance by what their block means show.
 
 How it is fast: what is robust and goes round is done on at most `SAMPLE` of the points; a step or two
-on sums over all points, taken in blocks that stay in the cache, then gives what all of them tell.
+on sums over all points, by `surface_distance`, then gives what all of them tell.
 """
 
 from collections.abc import Callable
@@ -19,6 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.algorithms.allan_variance import FloatArray
+from calibration.algorithms.surface_distance import (
+    BLOCKS,
+    FLOOR,
+    ScaledPoints,
+    Start,
+    Sums,
+    distances,
+    sums_over,
+    unpack,
+    upper,
+)
 from protocol.errors import CalibrationError, Fault
 
 OUTLIER_DEVIATIONS = 4.5
@@ -29,7 +40,6 @@ MAX_ROUNDS = 60
 ROBUST_ROUNDS = 12
 SAMPLE = 2048
 """Points that the start is fitted to."""
-CHUNK = 4096
 FULL_ROUNDS = 12
 FULL_SETTLED = 2e-2
 """What a further step could move, in standard uncertainties, at which the steps on all points end."""
@@ -39,12 +49,10 @@ START_SETTLED = 1e-3
 MAX_CONDITION = 1e6
 """Of the scaled normal matrix: beyond it the points do not go around far enough."""
 MAX_START_CONDITION = 1e12
-BLOCKS = 64
 MIN_BLOCK = 8
 MAX_BLOCK_SIGMAS = 3.0
 _MAD = 1.4826
 _HUBER = 1.345
-_FLOOR = 1e-12
 _GOLDEN = 0.6180339887498949
 _STEP_DEVIATIONS = 1e-2
 _STEP_PART = 1e-7
@@ -75,19 +83,12 @@ class EllipsoidFit:
     @property
     def parameters(self) -> FloatArray:
         """(o, Q row by row from its diagonal on), shape (p,)."""
-        return np.concatenate([self.centre, self.shape[_upper(len(self.centre))]])
+        return np.concatenate([self.centre, self.shape[upper(len(self.centre))]])
 
     @property
     def outliers(self) -> int:
         """Points left out."""
         return int((~self.used).sum())
-
-
-def unpack(parameters: FloatArray, dimension: int) -> tuple[FloatArray, FloatArray]:
-    """o (d,) and Q (d, d) of the parameters of a fit."""
-    shape = np.zeros((dimension, dimension))
-    shape[_upper(dimension)] = parameters[dimension:]
-    return parameters[:dimension], shape + np.triu(shape, 1).T
 
 
 def fit_ellipsoid(points: FloatArray, where: str) -> EllipsoidFit:
@@ -118,10 +119,10 @@ def fit_ellipsoid(points: FloatArray, where: str) -> EllipsoidFit:
     scale = float(np.sqrt(((values[chosen] - origin) ** 2).mean()))
     if scale == 0.0:
         raise _refused("All points are the same.", where, "turn the unit, and look for a stuck output")
-    scaled = np.ascontiguousarray(((values - origin) / scale).T)
-    sample = scaled if len(chosen) == len(values) else np.ascontiguousarray(scaled[:, chosen])
+    points_of = ScaledPoints(values, origin, scale)
+    sample = points_of.rows(chosen)
     start = _robust(sample, _algebraic(sample, where), where)
-    parameters, sums = _on_all(scaled, start, where)
+    parameters, sums = _on_all(points_of, start, where)
     freedom = int(sums.used.sum()) - count
     variance = sums.squares / freedom
     widened = _widening(sums, variance)
@@ -157,11 +158,6 @@ def propagate(fit: EllipsoidFit, derived: Derived) -> tuple[FloatArray, FloatArr
     return at_fit, jacobian @ fit.covariance @ jacobian.T
 
 
-def _upper(dimension: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    rows, columns = np.triu_indices(dimension)
-    return rows, columns
-
-
 def _spread(count: int) -> NDArray[np.intp]:
     """At most `SAMPLE` rows out of `count`, in no step with any period of the data: frac(k^2 phi)."""
     if count <= SAMPLE:
@@ -173,7 +169,7 @@ def _spread(count: int) -> NDArray[np.intp]:
 def _algebraic(points: FloatArray, where: str) -> FloatArray:
     """(o, Q) of v^T A v + 2 b^T v = 1, weighed anew so that far points lose their pull (Huber)."""
     dimension = len(points)
-    rows, columns = _upper(dimension)
+    rows, columns = upper(dimension)
     twice = np.where(rows == columns, 1.0, 2.0)
     design = np.vstack([points[rows] * points[columns] * twice[:, None], 2.0 * points])
     weights = np.ones(points.shape[1])
@@ -184,35 +180,26 @@ def _algebraic(points: FloatArray, where: str) -> FloatArray:
         if np.abs(solution - before).max() <= START_SETTLED * np.abs(solution).max():
             break
         residual = np.abs(solution @ design - 1.0)
-        limit = max(_HUBER * _MAD * float(np.median(residual)), _FLOOR)
+        limit = max(_HUBER * _MAD * float(np.median(residual)), FLOOR)
         weights = limit / np.maximum(residual, limit)
     _, matrix = unpack(np.concatenate([np.zeros(dimension), solution[: len(rows)]]), dimension)
-    if np.linalg.cond(matrix) > 1.0 / _FLOOR:
+    if np.linalg.cond(matrix) > 1.0 / FLOOR:
         raise _not_around(where)
     centre = -np.asarray(np.linalg.solve(matrix, solution[len(rows) :]), dtype=np.float64)
     matrix = matrix / (1.0 + centre @ matrix @ centre)
     return _checked(np.concatenate([centre, matrix[rows, columns]]), dimension, where)
 
 
-@dataclass(frozen=True)
-class _Start:
-    """Parameters, and what tells an outlier: s and the distance from which a point is left out."""
-
-    parameters: FloatArray
-    noise_variance: float
-    limit: float
-
-
-def _robust(points: FloatArray, parameters: FloatArray, where: str) -> _Start:
+def _robust(points: FloatArray, parameters: FloatArray, where: str) -> Start:
     """Parameters fitted to those of the points (d, n) that belong."""
     count = points.shape[1]
     used = np.zeros(count, dtype=np.bool_)
     noise, limit = 0.0, 0.0
     for _ in range(ROBUST_ROUNDS):
-        distance, _ = _distances(points, parameters, 0.0)
+        distance, _ = distances(points, parameters, 0.0)
         noise = _MAD * float(np.median(np.abs(distance)))
-        distance, _ = _distances(points, parameters, noise**2)
-        limit = OUTLIER_DEVIATIONS * max(_MAD * float(np.median(np.abs(distance))), _FLOOR)
+        distance, _ = distances(points, parameters, noise**2)
+        limit = OUTLIER_DEVIATIONS * max(_MAD * float(np.median(np.abs(distance))), FLOOR)
         belongs = np.abs(distance) <= limit
         _check_outliers(int((~belongs).sum()), count, where)
         if (belongs == used).all():
@@ -222,14 +209,14 @@ def _robust(points: FloatArray, parameters: FloatArray, where: str) -> _Start:
     _, shape = unpack(parameters, len(points))
     if noise * float(np.sqrt(np.linalg.eigvalsh(shape)[-1])) > MAX_NOISE_PART:
         raise _far_from_any("The points lie far from any one ellipse or ellipsoid.", where)
-    return _Start(parameters, noise**2, limit)
+    return Start(parameters, noise**2, limit)
 
 
 def _gauss_newton(
     points: FloatArray, parameters: FloatArray, noise_variance: float, where: str
 ) -> FloatArray:
     for _ in range(MAX_ROUNDS):
-        distance, jacobian = _distances(points, parameters, noise_variance)
+        distance, jacobian = distances(points, parameters, noise_variance)
         normal = _checked_normal(jacobian @ jacobian.T, where)
         step = np.asarray(np.linalg.solve(normal, -jacobian @ distance), dtype=np.float64)
         parameters = _checked(parameters + step, len(points), where)
@@ -240,100 +227,29 @@ def _gauss_newton(
     )
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """Over all points that belong, after a step: J^T J, d^T d; of blocks of points their d and number."""
-
-    normal: FloatArray
-    squares: float
-    block_sums: FloatArray
-    block_counts: FloatArray
-    used: NDArray[np.bool_]
-
-
-def _on_all(points: FloatArray, start: _Start, where: str) -> tuple[FloatArray, _Sums]:
-    """Gauss-Newton on all points (d, n); distances after the last step are those of its linear model."""
+def _on_all(points: ScaledPoints, start: Start, where: str) -> tuple[FloatArray, Sums]:
+    """Gauss-Newton on all points; distances after the last step are those of its linear model."""
+    number = len(points.values)
     parameters = start.parameters
     for _ in range(FULL_ROUNDS):
-        jacobian_sums, normal, gradient, sums = _pass(points, parameters, start)
-        _check_outliers(points.shape[1] - int(sums.used.sum()), points.shape[1], where)
+        jacobian_sums, normal, gradient, sums = sums_over(points, parameters, start)
+        _check_outliers(number - int(sums.used.sum()), number, where)
         _checked_normal(normal, where)
         step = np.asarray(np.linalg.solve(normal, -gradient), dtype=np.float64)
-        parameters = _checked(parameters + step, len(points), where)
-        variance = max(sums.squares / int(sums.used.sum()), _FLOOR**2)
+        parameters = _checked(parameters + step, points.values.shape[1], where)
+        variance = max(sums.squares / int(sums.used.sum()), FLOOR**2)
         squares = sums.squares + float(gradient @ step)
         block_sums = sums.block_sums + jacobian_sums @ step
         # What a next step would do is of second order: this one, times its part of the parameters.
         moved = float(np.sqrt(step @ normal @ step / variance))
         if moved * float(np.abs(step).max()) <= FULL_SETTLED * float(np.abs(parameters).max()):
-            return parameters, _Sums(normal, max(squares, 0.0), block_sums, sums.block_counts, sums.used)
+            return parameters, Sums(normal, max(squares, 0.0), block_sums, sums.block_counts, sums.used)
     raise _far_from_any(
         f"The points lie far from any one ellipse or ellipsoid: no fit within {FULL_ROUNDS} rounds.", where
     )
 
 
-def _pass(
-    points: FloatArray, parameters: FloatArray, start: _Start
-) -> tuple[FloatArray, FloatArray, FloatArray, _Sums]:
-    """Sums of J by block (b, p), J^T J, J^T d, and the rest, at these parameters."""
-    number, count = points.shape[1], len(parameters)
-    chunk = max(1, number // BLOCKS)
-    chunk *= max(1, CHUNK // chunk)  # whole blocks, in the cache
-    normal, gradient, squares = np.zeros((count, count)), np.zeros(count), 0.0
-    used = np.empty(number, dtype=np.bool_)
-    block = max(1, number // BLOCKS)
-    jacobian_sums, block_sums, block_counts = [], [], []
-    for begin in range(0, number, chunk):
-        distance, jacobian = _distances(points[:, begin : begin + chunk], parameters, start.noise_variance)
-        belongs = np.abs(distance) <= start.limit
-        used[begin : begin + chunk] = belongs
-        if not belongs.all():
-            distance *= belongs
-            jacobian *= belongs
-        normal += jacobian @ jacobian.T
-        gradient += jacobian @ distance
-        squares += float(distance @ distance)
-        edges = np.arange(0, len(distance), block)
-        jacobian_sums.append(np.add.reduceat(jacobian, edges, axis=1).T)
-        block_sums.append(np.add.reduceat(distance, edges))
-        block_counts.append(np.add.reduceat(belongs, edges, dtype=np.float64))
-    sums = _Sums(normal, squares, np.concatenate(block_sums), np.concatenate(block_counts), used)
-    return np.concatenate(jacobian_sums), normal, gradient, sums
-
-
-def _distances(
-    points: FloatArray, parameters: FloatArray, noise_variance: float
-) -> tuple[FloatArray, FloatArray]:
-    """Distance of each point (d, n) from the surface, less what noise lifts it, (n,); derivative (p, n)."""
-    dimension = len(points)
-    centre, shape = unpack(parameters, dimension)
-    radius_vector = points - centre[:, None]
-    image = shape @ radius_vector
-    level = np.sqrt(np.maximum(np.einsum("in,in->n", radius_vector, image), _FLOOR))
-    square = np.einsum("in,in->n", image, image)
-    steep = np.sqrt(square)
-    distance = (level - 1.0) * level / steep
-    # At the foot of each point: at the point itself the derivative would share its noise, and bias the fit.
-    foot = radius_vector - image * (distance / steep)
-    derivative = np.empty((len(parameters), points.shape[1]))
-    foot_image = np.matmul(shape, foot, out=derivative[:dimension])
-    inverse = 1.0 / np.sqrt(np.einsum("in,in->n", foot_image, foot_image))
-    foot_image *= -inverse
-    scaled = foot * inverse
-    row = dimension
-    for axis in range(dimension):
-        others = slice(row, row + dimension - axis)
-        np.multiply(foot[axis:], scaled[axis], out=derivative[others])
-        derivative[row] *= 0.5
-        row += dimension - axis
-    if noise_variance > 0.0:
-        along = np.einsum("in,in->n", image, shape @ image)
-        # kappa s^2 / 2 with kappa = (tr Q - n^T Q n) / |Q r|
-        distance -= (np.trace(shape) - along / square) * (0.5 * noise_variance / steep)
-    return distance, derivative
-
-
-def _widening(sums: _Sums, variance: float) -> float:
+def _widening(sums: Sums, variance: float) -> float:
     """Variance of block means over that of white noise, where it is significantly more."""
     whole = sums.block_counts >= MIN_BLOCK
     if whole.sum() < BLOCKS // 2 or variance <= 0.0:

@@ -17,7 +17,7 @@ from protocol.errors import CalibrationError, Fault
 
 MIN_DIRECTION_PART = 0.02
 """Least eigenvalue of the directions' mean outer product, 1/3 when they fill the sphere evenly."""
-DIRECTIONS = 5000
+DIRECTIONS = 2000
 """Outputs, at least half as many, that are looked at for the directions."""
 UPPER = tuple((row, column) for row in range(3) for column in range(row, 3))
 
