@@ -1,0 +1,201 @@
+# pyright: strict
+"""The columns of a diagnosis: a design matrix for each channel of each recording, and who owns which column.
+
+Columns stand in one order for a channel in all recordings: 1 (the bias of the run), the true inputs of the
+triad (scale factor and alignment, of the mount), then the regressors of all trials, each scaled to unit rms.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.effect import FloatArray
+from gap_diagnosis.candidates import Trial, regressors
+from gap_diagnosis.observation import Channel, Observation
+
+NUISANCES = 4
+"""1, and the three inputs of the triad."""
+NEGLIGIBLE = 1e-9
+"""A regressor below this share of its effect's largest one is nought."""
+ROUNDING = 1e-7
+INPUT_SCALE = {"gyro": 1.0, "acc": 10.0, "mag": 5e-5, "temperature": 10.0, "gnss": 1.0}
+
+
+@dataclass(frozen=True)
+class Block:
+    """Scalars that must be fitted together: those that share a channel.
+
+    Attributes:
+        trial: index of the trial.
+        effect: of one triad.
+        scalars: free scalars, k of them.
+        columns: channel → (k,) index of each scalar's column, -1 where it has no part in the channel.
+    """
+
+    trial: int
+    effect: CatalogueEffect
+    scalars: tuple[str, ...]
+    columns: Mapping[Channel, NDArray[np.int64]]
+
+
+@dataclass
+class ChannelDesign:
+    """Columns of one channel in every recording.
+
+    Attributes:
+        matrices: recording index → (n, p) float64; rows are those in `rows`.
+        rows: recording index → (n,) bool over the observation's rows.
+        scales: (p,) what a column was divided by, SI per unit of its scalar.
+    """
+
+    channel: Channel
+    matrices: dict[int, FloatArray] = field(default_factory=dict[int, FloatArray])
+    rows: dict[int, NDArray[np.bool_]] = field(default_factory=dict[int, NDArray[np.bool_]])
+    scales: FloatArray = field(default_factory=lambda: np.ones(NUISANCES))
+
+
+@dataclass(frozen=True)
+class Design:
+    """All columns, and the blocks that own them."""
+
+    trials: tuple[Trial, ...]
+    channels: Mapping[Channel, ChannelDesign]
+    blocks: tuple[Block, ...]
+
+
+def channels_of(observations: Sequence[Observation]) -> dict[Channel, dict[int, NDArray[np.bool_]]]:
+    """Channels with usable rows: recording index → (n,) which."""
+    found: dict[Channel, dict[int, NDArray[np.bool_]]] = {}
+    for index, one in enumerate(observations):
+        for sensor, output in one.outputs.items():
+            for axis in range(1 if sensor == "temperature" else 3):
+                rows = one.usable & np.isfinite(output.residual_si[:, axis])
+                if np.count_nonzero(rows) > 3 * NUISANCES:
+                    found.setdefault(Channel(sensor, axis), {})[index] = rows
+    return found
+
+
+def designed(observations: Sequence[Observation], trials: Sequence[Trial]) -> Design:
+    """Columns for all trials. A trial that moves nothing, or lacks its stimulus, owns no block."""
+    rows = channels_of(observations)
+    parts: dict[Channel, dict[int, list[FloatArray]]] = {
+        channel: {
+            index: [np.ones(np.count_nonzero(use)), *_inputs(observations[index], channel, use)]
+            for index, use in by_recording.items()
+        }
+        for channel, by_recording in rows.items()
+    }
+    counts = dict.fromkeys(rows, NUISANCES)
+    scales: dict[Channel, list[float]] = {channel: [1.0] * NUISANCES for channel in rows}
+    blocks: list[Block] = []
+    for number, trial in enumerate(trials):
+        for effect in trial.effects:
+            blocks += _own(number, effect, observations, rows, parts, counts, scales)
+    channels = {
+        channel: ChannelDesign(
+            channel,
+            {index: np.stack(columns, axis=1) for index, columns in by_recording.items()},
+            dict(rows[channel]),
+            np.array(scales[channel]),
+        )
+        for channel, by_recording in parts.items()
+    }
+    return Design(tuple(trials), channels, tuple(blocks))
+
+
+def _inputs(one: Observation, channel: Channel, use: NDArray[np.bool_]) -> list[FloatArray]:
+    """The triad's true inputs on the rows used, of order one; nought where the stimulus has none."""
+    stimulus = one.stimulus
+    values = {
+        "gyro": stimulus.rate_rad_s,
+        "acc": stimulus.specific_force_m_s2,
+        "mag": stimulus.field_t,
+        "temperature": None,
+        "gnss": None,
+    }[channel.sensor]
+    if values is None:
+        return [np.zeros(np.count_nonzero(use)) for _ in range(3)]
+    return [np.ascontiguousarray(values[use, axis]) / INPUT_SCALE[channel.sensor] for axis in range(3)]
+
+
+def _own(
+    number: int,
+    effect: CatalogueEffect,
+    observations: Sequence[Observation],
+    rows: Mapping[Channel, Mapping[int, NDArray[np.bool_]]],
+    parts: dict[Channel, dict[int, list[FloatArray]]],
+    counts: dict[Channel, int],
+    scales: dict[Channel, list[float]],
+) -> list[Block]:
+    """Append an effect's columns where they are not nought; the blocks that they make."""
+    mine = [channel for channel in rows if channel.sensor == effect.sensor]
+    said: dict[int, dict[str, FloatArray]] = {}
+    for index in sorted({index for channel in mine for index in rows[channel]}):
+        columns = regressors(effect, observations[index].stimulus)
+        if columns is not None:
+            said[index] = columns
+    names = list(dict.fromkeys(name for columns in said.values() for name in columns))
+    rms = {
+        (name, channel): _rms(
+            [c[name][rows[channel][i], channel.axis] for i, c in said.items() if i in rows[channel]]
+        )
+        for name in names
+        for channel in mine
+    }
+    largest = max(rms.values(), default=0.0)
+    if not (np.isfinite(largest) and largest > 0.0):
+        return []
+    owned: dict[str, dict[Channel, int]] = {}
+    for (name, channel), size in rms.items():
+        if size <= NEGLIGIBLE * largest:
+            continue
+        owned.setdefault(name, {})[channel] = counts[channel]
+        counts[channel] += 1
+        scales[channel].append(size)
+        for index, use in rows[channel].items():
+            column = (
+                said[index][name][use, channel.axis] / size
+                if index in said
+                else np.zeros(np.count_nonzero(use))
+            )
+            parts[channel][index].append(column)
+    return [_block(number, effect, group, owned) for group in _sharing(owned)]
+
+
+def _rms(parts: Sequence[FloatArray]) -> float:
+    """Of the deviation from each recording's mean: what a bias cannot take; 0 where it is rounding alone."""
+    count = sum(len(part) for part in parts)
+    size = float(np.sqrt(sum(float(np.sum((p - p.mean()) ** 2)) for p in parts if len(p)) / max(count, 1)))
+    largest = max((float(np.abs(part).max()) for part in parts if len(part)), default=0.0)
+    return size if size > ROUNDING * largest else 0.0
+
+
+def _sharing(owned: Mapping[str, Mapping[Channel, int]]) -> list[list[str]]:
+    """Scalars in groups that share a channel, directly or through others."""
+    groups: list[tuple[set[Channel], list[str]]] = []
+    for name, channels in owned.items():
+        touching = [group for group in groups if group[0] & channels.keys()]
+        joined = (set(channels), [name])
+        for group in touching:
+            joined = (joined[0] | group[0], [*group[1], *joined[1]])
+            groups.remove(group)
+        groups.append(joined)
+    return [sorted(names) for _, names in groups]
+
+
+def _block(
+    number: int, effect: CatalogueEffect, names: list[str], owned: Mapping[str, Mapping[Channel, int]]
+) -> Block:
+    channels = sorted({c for name in names for c in owned[name]}, key=lambda c: (c.sensor, c.axis))
+    return Block(
+        number,
+        effect,
+        tuple(names),
+        {
+            channel: np.array([owned[name].get(channel, -1) for name in names], dtype=np.int64)
+            for channel in channels
+        },
+    )

@@ -1,0 +1,143 @@
+# pyright: strict
+"""From observations to what a search works on: columns, noise levels, statistics with simulated nulls."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dut_emulator.effects.effect import FloatArray
+from gap_diagnosis.candidates import Trial
+from gap_diagnosis.design import INPUT_SCALE, Design, designed
+from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, slow_shape, white_noise_of_rows
+from gap_diagnosis.observation import Channel, NoiseBelief, Observation
+from gap_diagnosis.whitened import ChannelSystem, RecordingMoments, channel_system, moments
+
+SMALLEST_WHITE = 1e-12
+MATRIX_PRIOR = 0.05
+"""Standard deviation of what a recalibration changes in a scale factor or an alignment."""
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """What is found and believed of a channel's noise.
+
+    Attributes:
+        white_si: recording → standard deviation of the white noise of a row.
+        belief: of the triad.
+        log_white_ratio: ln of found over believed density; None where nothing is believed.
+        levels: of the slow noise, SI.
+        knots: recording → its knots.
+        null_levels: (j,) slow level of each simulated null, SI.
+        null_log_white_ratios: (j,).
+    """
+
+    white_si: Mapping[int, float]
+    belief: NoiseBelief
+    log_white_ratio: float | None
+    levels: Levels
+    knots: Mapping[int, Knots]
+    null_levels: FloatArray
+    null_log_white_ratios: FloatArray
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything that the searches share.
+
+    Attributes:
+        observations: as given.
+        design: columns and blocks.
+        noise: by channel.
+        moments: channel → recording → statistics.
+    """
+
+    observations: tuple[Observation, ...]
+    design: Design
+    noise: Mapping[Channel, ChannelNoise]
+    moments: Mapping[Channel, Mapping[int, RecordingMoments]]
+
+    @property
+    def mounts(self) -> tuple[str, ...]:
+        """Of each recording."""
+        return tuple(one.mount or one.recording_id for one in self.observations)
+
+    def systems(self, recordings: Sequence[int] | None = None) -> dict[Channel, ChannelSystem]:
+        """The channels' systems over all recordings, or over some."""
+        found: dict[Channel, ChannelSystem] = {}
+        for channel, by_recording in self.moments.items():
+            chosen = {i: m for i, m in by_recording.items() if recordings is None or i in recordings}
+            if not chosen:
+                continue
+            noise = self.noise[channel]
+            levels = {i: noise.levels.level_si / noise.white_si[i] for i in chosen}
+            prior_si = MATRIX_PRIOR * INPUT_SCALE[channel.sensor]
+            found[channel] = channel_system(chosen, self.mounts, levels, noise.levels, prior_si)
+        return found
+
+
+def prepare(
+    observations: Sequence[Observation], trials: Sequence[Trial], nulls: int, rng: np.random.Generator
+) -> Prepared:
+    """Columns, noise and statistics. `nulls` simulated ones beside the data."""
+    design = designed(observations, trials)
+    longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
+    noise: dict[Channel, ChannelNoise] = {}
+    statistics: dict[Channel, dict[int, RecordingMoments]] = {}
+    for channel, part in design.channels.items():
+        residuals = {
+            i: observations[i].outputs[channel.sensor].residual_si[rows, channel.axis]
+            for i, rows in part.rows.items()
+        }
+        noise[channel] = _noise_of(observations, channel, residuals, part.rows, longest_s, nulls, rng)
+        statistics[channel] = {
+            i: moments(
+                part.matrices[i],
+                residual,
+                noise[channel].knots[i],
+                noise[channel].white_si[i],
+                noise[channel].null_levels / noise[channel].white_si[i],
+                rng,
+            )
+            for i, residual in residuals.items()
+        }
+    return Prepared(tuple(observations), design, noise, statistics)
+
+
+def _noise_of(
+    observations: Sequence[Observation],
+    channel: Channel,
+    residuals: Mapping[int, FloatArray],
+    rows: Mapping[int, NDArray[np.bool_]],
+    longest_s: float,
+    nulls: int,
+    rng: np.random.Generator,
+) -> ChannelNoise:
+    """One density for all recordings; the quantiser's part is added to the believed one before comparing."""
+    first = next(iter(residuals))
+    output = observations[first].outputs[channel.sensor]
+    belief = output.noise
+    periods = {i: observations[i].stimulus.sample_period_s for i in residuals}
+    found = {i: white_noise_of_rows(residual) for i, residual in residuals.items()}
+    total = sum(len(residual) for residual in residuals.values())
+    density = math.sqrt(sum(found[i] ** 2 * periods[i] * len(r) for i, r in residuals.items()) / total)
+    density = max(density, SMALLEST_WHITE)
+    white = {i: density / math.sqrt(period) for i, period in periods.items()}
+    ratio = None
+    if belief.white_si_per_sqrt_hz:
+        period = observations[first].sample_period_s
+        rounding = output.quantum_si**2 / 12.0 * period
+        ratio = 0.5 * math.log(max(density**2 - rounding, 1e-4 * density**2) / belief.white_si_per_sqrt_hz**2)
+    shape = slow_shape(belief, longest_s, max(periods.values()))
+    levels = levels_of(shape, next(iter(white.values())))
+    if shape.level_si is None:
+        null_levels = rng.choice(levels.level_si, size=nulls)
+    else:
+        null_levels = shape.level_si * np.exp(shape.spread * rng.standard_normal(nulls))
+    knots = {
+        i: knots_for(observations[i].stimulus.time_s[use], shape) for i, use in rows.items() if use.any()
+    }
+    null_ratios = belief.white_spread * rng.standard_normal(nulls)
+    return ChannelNoise(white, belief, ratio, levels, knots, null_levels, null_ratios)

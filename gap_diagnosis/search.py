@@ -1,0 +1,279 @@
+# pyright: strict
+"""Which effects explain the residual: every single one, then pairs and triples on top of the best.
+
+An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all subsets
+alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, π = 1 / effects.
+A set is built by adding effects to the best smaller ones, whose own columns are then projected out: each
+addition is a search for a single effect in what is left.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dut_emulator.effects.effect import FloatArray
+from gap_diagnosis.design import NUISANCES, Block, Design
+from gap_diagnosis.evidence import (
+    STEPS_OF_DATA,
+    STEPS_OF_NULLS,
+    gains,
+    log_bayes_factor,
+    log_mean_exp,
+    log_sum_exp,
+)
+from gap_diagnosis.observation import Channel
+from gap_diagnosis.whitened import ChannelSystem
+
+MAX_EFFECTS = 3
+BEAM = 6
+"""So many of the best sets of one size are added to."""
+WORTH_ADDING = -4.0
+"""A set whose ln B is by so much below that of the best smaller one is not grown."""
+PROJECTION_RIDGE = 1e-9
+
+
+@dataclass(frozen=True)
+class SlowExcess:
+    """Slow noise beyond the belief, as a cause: its levels take the place of the believed ones.
+
+    `log_bayes_factor`: of each channel that it may be on.
+    """
+
+    name: str
+    by_channel: Mapping[Channel, float]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One effect in one shape on some channels.
+
+    Attributes:
+        name: in the catalogue.
+        trial: index; −1 for noise.
+        blocks: indices of those that take part; noise has none.
+        channels: that it changes.
+    """
+
+    name: str
+    trial: int
+    blocks: tuple[int, ...]
+    channels: tuple[Channel, ...]
+
+
+@dataclass(frozen=True)
+class CauseSet:
+    """Effects that act together.
+
+    Attributes:
+        causes: in the order in which they were added; none: no effect.
+        log_bayes_factor: against no effect, all shapes and channels of the last one averaged.
+    """
+
+    causes: tuple[Cause, ...]
+    log_bayes_factor: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Sorted."""
+        return tuple(sorted(cause.name for cause in self.causes))
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Every effect alone, on some systems.
+
+    Attributes:
+        log_bayes_factor: name → (j,).
+        of_trial: (trials, j), minus infinity without blocks.
+        best: name → its best shape and channels for the data.
+    """
+
+    log_bayes_factor: Mapping[str, FloatArray]
+    of_trial: FloatArray
+    best: Mapping[str, Cause]
+
+
+def scan(
+    systems: Mapping[Channel, ChannelSystem],
+    design: Design,
+    *,
+    data_only: bool,
+    without: frozenset[str] = frozenset(),
+) -> Scan:
+    """ln B of every effect alone. `data_only`: more steps, column 0; else all columns with the steps of nulls."""
+    blocks = design.blocks
+    chosen = [i for i, block in enumerate(blocks) if design.trials[block.trial].name not in without]
+    columns, steps = (slice(0, 1), STEPS_OF_DATA) if data_only else (slice(None), STEPS_OF_NULLS)
+    count = 1 if data_only else next(iter(systems.values())).cross.shape[-1]
+    of_block = np.full((len(blocks), count), -np.inf)
+    for group in gains(systems, blocks, chosen, columns, steps):
+        of_block[list(group.blocks)] = log_bayes_factor(group.gain, group.amplitude.shape[-1])
+    of_trial = np.full((len(design.trials), count), -np.inf)
+    members: dict[int, list[int]] = {}
+    for index in chosen:
+        members.setdefault(blocks[index].trial, []).append(index)
+    for trial, mine in members.items():
+        of_trial[trial] = _any_of(of_block[mine])
+    names: dict[str, list[int]] = {}
+    for trial in members:
+        names.setdefault(design.trials[trial].name, []).append(trial)
+    found = {name: log_mean_exp(of_trial[mine], 0) for name, mine in names.items()}
+    best: dict[str, Cause] = {}
+    for name, mine in names.items():
+        trial = mine[int(np.argmax(of_trial[mine, 0]))]
+        best[name] = _cause(name, trial, members[trial], of_block[:, 0], blocks)
+    return Scan(found, of_trial, best)
+
+
+def _any_of(each: FloatArray) -> FloatArray:
+    """ln of the mean of Π B over all subsets of blocks but the empty one: (b, j) → (j,)."""
+    together = np.sum(np.logaddexp(0.0, each), axis=0)
+    subsets = 2.0 ** len(each) - 1.0
+    return together + np.log1p(-np.exp(-np.maximum(together, 1e-12))) - np.log(subsets)
+
+
+def _cause(
+    name: str, trial: int, members: Sequence[int], of_block: FloatArray, blocks: Sequence[Block]
+) -> Cause:
+    acting = [i for i in members if of_block[i] > 0.0] or [max(members, key=lambda i: float(of_block[i]))]
+    channels = sorted({c for i in acting for c in blocks[i].columns}, key=lambda c: c.name)
+    return Cause(name, trial, tuple(acting), tuple(channels))
+
+
+def projected(
+    systems: Mapping[Channel, ChannelSystem], design: Design, cause: Cause
+) -> dict[Channel, ChannelSystem]:
+    """The systems with a cause's columns summed over; those of a noise keep its levels in place of the believed."""
+    changed = dict(systems)
+    if cause.trial < 0:
+        for channel in cause.channels:
+            changed[channel] = beyond_belief(systems[channel])
+        return changed
+    for channel in cause.channels:
+        place = sorted(
+            {
+                int(i) - NUISANCES
+                for b in cause.blocks
+                for i in design.blocks[b].columns.get(channel, np.array([], dtype=np.int64))
+                if i >= 0
+            }
+        )
+        changed[channel] = _without_columns(systems[channel], place)
+    return changed
+
+
+def beyond_belief(system: ChannelSystem) -> ChannelSystem:
+    """The levels above the believed ones take their place."""
+    first = system.believed
+    return ChannelSystem(
+        system.gram[first:],
+        system.cross[first:],
+        system.log_likelihood[first:],
+        system.log_weight[first:],
+        len(system.log_weight) - first,
+    )
+
+
+def _without_columns(system: ChannelSystem, place: Sequence[int]) -> ChannelSystem:
+    head = system.gram[:, place][:, :, place]
+    diagonal = np.einsum("hkk->hk", head)
+    head = head + (PROJECTION_RIDGE * diagonal + 1e-12)[:, :, np.newaxis] * np.eye(len(place))
+    solved = np.linalg.solve(head, system.gram[:, place])
+    solved_cross = np.linalg.solve(head, system.cross[:, place])
+    across = np.swapaxes(system.gram[:, place], 1, 2)
+    gram = system.gram - across @ solved
+    cross = system.cross - across @ solved_cross
+    gram[:, place] = 0.0
+    gram[:, :, place] = 0.0
+    cross[:, place] = 0.0
+    gain = 0.5 * np.sum(system.cross[:, place] * solved_cross, axis=1)
+    return ChannelSystem(gram, cross, system.log_likelihood + gain, system.log_weight, system.believed)
+
+
+@dataclass(frozen=True)
+class Search:
+    """All sets that were weighed.
+
+    Attributes:
+        sets: most probable first, the empty one among them.
+        probability: of each.
+        single: name → ln B alone.
+        effects: how many names took part.
+    """
+
+    sets: tuple[CauseSet, ...]
+    probability: FloatArray
+    single: Mapping[str, float]
+    effects: int
+
+
+def search(
+    systems: Mapping[Channel, ChannelSystem],
+    design: Design,
+    noises: Sequence[SlowExcess],
+    *,
+    largest: int = MAX_EFFECTS,
+) -> Search:
+    """Singles over the whole catalogue, then pairs and triples by a beam. Data only."""
+    start = CauseSet((), 0.0)
+    found: dict[tuple[str, ...], CauseSet] = {(): start}
+    grown = [start]
+    single: dict[str, float] = {}
+    for size in range(1, largest + 1):
+        added: dict[tuple[str, ...], CauseSet] = {}
+        for base in grown:
+            left = dict(systems)
+            for cause in base.causes:
+                left = projected(left, design, cause)
+            for one in _additions(left, design, noises, base):
+                if size == 1:
+                    single[one.names[0]] = one.log_bayes_factor
+                known = added.get(one.names)
+                if known is None or one.log_bayes_factor > known.log_bayes_factor:
+                    added[one.names] = one
+        found |= added
+        ranked = sorted(added.values(), key=lambda one: -one.log_bayes_factor)
+        if not ranked:
+            break
+        best_smaller = max(one.log_bayes_factor for one in grown)
+        grown = [one for one in ranked[:BEAM] if one.log_bayes_factor > best_smaller + WORTH_ADDING]
+        if not grown:
+            break
+    names = len(single)
+    sets = list(found.values())
+    score = np.array([one.log_bayes_factor - len(one.causes) * np.log(max(names, 1)) for one in sets])
+    probability = np.exp(score - log_sum_exp(score, 0))
+    order = np.argsort(-probability, kind="stable")
+    return Search(tuple(sets[i] for i in order), probability[order], single, names)
+
+
+def _additions(
+    left: Mapping[Channel, ChannelSystem], design: Design, noises: Sequence[SlowExcess], base: CauseSet
+) -> list[CauseSet]:
+    held = set(base.names)
+    alone = scan(left, design, data_only=True, without=frozenset(held))
+    found = [
+        CauseSet((*base.causes, alone.best[name]), base.log_bayes_factor + float(value[0]))
+        for name, value in alone.log_bayes_factor.items()
+    ]
+    excessive = {channel for cause in base.causes if cause.trial < 0 for channel in cause.channels}
+    for noise in noises:
+        there = [channel for channel in noise.by_channel if channel in left and channel not in excessive]
+        if noise.name in held or not there:
+            continue
+        each = np.array([[excess_of(left[channel])] for channel in there])
+        acting = [c for c, value in zip(there, each[:, 0], strict=True) if value > 0.0]
+        chosen = acting or [there[int(np.argmax(each[:, 0]))]]
+        cause = Cause(noise.name, -1, (), tuple(chosen))
+        found.append(CauseSet((*base.causes, cause), base.log_bayes_factor + float(_any_of(each)[0])))
+    return found
+
+
+def excess_of(system: ChannelSystem, column: int = 0) -> float:
+    """ln of how much likelier the levels beyond the belief are than the believed ones."""
+    weighted = system.log_likelihood[:, column] + system.log_weight
+    first = system.believed
+    if first >= len(weighted):
+        return -np.inf
+    return float(log_sum_exp(weighted[first:], 0) - log_sum_exp(weighted[:first], 0))
