@@ -13,7 +13,10 @@ from importlib import resources
 
 LANGUAGES = ("en", "zh")
 ENVIRONMENT_VARIABLE = "TESTLOOM_LANG"
-PACKAGES_WITH_WORDS = ("protocol", "calibration", "stations", "coordinator", "dashboards", "cli")
+PACKAGES_WITH_WORDS = (
+    *("protocol", "calibration", "gap_diagnosis"),
+    *("stations", "coordinator", "dashboards", "cli"),
+)
 MIN_OWN_WORDS = 5
 """Characters that a template must have beside its fields to be recognised in a sentence."""
 _PLAIN_FIELD = re.compile(r"\{([a-z_]+)\}")
