@@ -202,7 +202,8 @@ def _shrinkage(document: ReportDocument) -> str:
         "Whitened: each residual divided by the noise expected there, slow noise taken into account; noise "
         "alone gives 1."
     )
-    body = f"{closed}<p>{escape(told)} {escape(judged)}</p>{_table(headings, rows)}<p class=remark>{escape(note)}</p>"
+    body = f"{closed}<p>{escape(told)} {escape(judged)}</p>{_table(headings, rows)}"
+    body += f"<p class=remark>{escape(note)}</p>"
     return _section(say("How far it shrinks"), body)
 
 
