@@ -14,7 +14,10 @@ PROFILE_WORDS = {
     "impact": "pure lag from the stamps of impacts (paper 3)",
     "eleven_point": "rates up and down on a table: line, linearity, hysteresis, repeatability (paper 4)",
     "overload": "sinusoidal overload: asymmetry, odd quadratic term, g-sensitivity (paper 5)",
-    "static": "Allan variance: noise coefficients of IEEE 952",
+    "static": "at rest: noise coefficients of IEEE 952, bias, bias stability, repeatability",
+    "rate_staircase": "staircase of rates: scale factor, linearity, asymmetry, geometry, repeatability",
+    "sweep": "sine sweep: gain, delay, lag, bandwidth",
+    "tumble": "tumble in gravity: g-sensitivity, quadratic term of the accelerometers",
     "spin": "spin in a steady field: zeros, sensitivity ratio, orthogonality (paper 1)",
 }
 

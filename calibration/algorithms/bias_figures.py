@@ -293,7 +293,7 @@ def repeatability(
 
 def bias_repeatability(
     runs: Sequence[tuple[FloatArray, FloatArray]],
-    true_input: TrueInput,
+    true_input: TrueInput | Sequence[TrueInput],
     condition: Condition,
     *,
     duration_s: float = REPEATABILITY_DURATION_S,
@@ -302,26 +302,28 @@ def bias_repeatability(
 ) -> tuple[Repeatability, tuple[BiasFigure, ...]]:
     """From the records (time (n,), output (n, m)) of each run, by default six of ten minutes.
 
-    A run's own uncertainty here is that of its mean: what wanders between runs is the repeatability.
+    `true_input`: what truly acted, in all runs or in each. A run's own uncertainty here is that of its mean:
+    what wanders between runs is the repeatability.
 
     Raises:
         CalibrationError: as `bias` and `repeatability`; the run is named.
     """
+    acted = [true_input] * len(runs) if isinstance(true_input, TrueInput) else list(true_input)
     figures = tuple(
         bias(
             time_s,
             output,
-            true_input,
+            truth,
             duration_s=duration_s,
             range_limit=range_limit,
             known_slow=(),
             where=f"{where}, run {number}",
         )
-        for number, (time_s, output) in enumerate(runs, start=1)
+        for number, ((time_s, output), truth) in enumerate(zip(runs, acted, strict=True), start=1)
     )
     values = np.array([figure.bias for figure in figures]).reshape(len(figures), -1)
     noise = [
-        np.sqrt(np.maximum(f.standard_uncertainty**2 - true_input.standard_uncertainty**2, 0.0))
+        np.sqrt(np.maximum(f.standard_uncertainty**2 - f.true_input.standard_uncertainty**2, 0.0))
         for f in figures
     ]
     return repeatability(values, np.reshape(noise, values.shape), condition, where=where), figures
@@ -349,7 +351,9 @@ def _complete(
     length_s = span_s(time_s)
     if length_s < duration_s * (1.0 - 1e-3):
         raise refused(
-            f"The record lasts {length_s:.6g} s, {duration_s:g} s are asked for.", where, "record longer."
+            f"The record lasts {length_s:.6g} s, which is too short: {duration_s:g} s are asked for.",
+            where,
+            f"record at least {duration_s:g} s.",
         )
     record = block_means(where, time_s, output, block_s, range_limit=range_limit)
     if record.lost_fraction > MAX_LOST_FRACTION:

@@ -50,7 +50,7 @@ class Dwell:
     Attributes:
         name: for the record.
         time_s: shape (n,).
-        output_rad_s: shape (n, 3).
+        output_rad_s: of the m gyros, shape (n, m).
         rate_body_rad_s: of the stand, relative to the laboratory, at these times, shape (n, 3).
         earth_rate_body_rad_s: at these times, shape (n, 3).
     """
@@ -64,7 +64,7 @@ class Dwell:
 
 @dataclass(frozen=True)
 class AxisFigures:
-    """What a staircase about body axis i says of gyro i; all with their standard uncertainty.
+    """What a staircase about body axis i says of the gyro along it; all with their standard uncertainty.
 
     Attributes:
         axis: 0, 1, 2.
@@ -96,14 +96,20 @@ class StaircaseFigures:
     """Three staircases together.
 
     Attributes:
-        coefficients: M and b with covariance; cross-coupling from there (`TriadCoefficients`).
-        axes: one for each body axis that was turned about.
+        matrix: rows of M, one a gyro, shape (m, 3).
+        bias_rad_s: shape (m,).
+        covariance: of the rows one after another and the biases, shape (4 m, 4 m).
+        coefficients: the same of a triad; None: of fewer gyros.
+        axes: one for each gyro.
         condition: of the design.
         noise: per gyro, in words.
         not_used: dwells, samples, why.
     """
 
-    coefficients: TriadCoefficients
+    matrix: FloatArray
+    bias_rad_s: FloatArray
+    covariance: FloatArray
+    coefficients: TriadCoefficients | None
     axes: tuple[AxisFigures, ...]
     condition: float
     noise: tuple[str, ...]
@@ -113,6 +119,7 @@ class StaircaseFigures:
 def staircase_figures(
     dwells: Sequence[Dwell],
     *,
+    sensors: tuple[int, ...] = (0, 1, 2),
     range_rad_s: float | None = None,
     rate_standard_uncertainty: float = 0.0,
     known_slow: SlowTerms | None = None,
@@ -122,6 +129,7 @@ def staircase_figures(
 
     Args:
         dwells: about each axis both directions, rests if there are.
+        sensors: body axis that each gyro lies along.
         range_rad_s: end of the range; a dwell with a saturated sample is left out as a whole.
         rate_standard_uncertainty: relative, common to all rates of the stand.
         known_slow: see `correlated_fit`.
@@ -142,11 +150,15 @@ def staircase_figures(
     names = ("rate about x", "rate about y", "rate about z", "bias")
     fit = fit_correlated(design, record.blocks, names, where, known_slow)
     axes = tuple(
-        _axis_figures(axis, _AxisData(record.blocks, inputs, turned == axis), fit, (where, known_slow))
-        for axis in range(3)
+        _axis_figures(_AxisData(record.blocks, inputs, turned == axis, row, axis), fit, (where, known_slow))
+        for row, axis in enumerate(sensors)
     )
+    covariance = _covariance(fit, rate_standard_uncertainty)
     return StaircaseFigures(
-        coefficients=_coefficients(fit, rate_standard_uncertainty),
+        matrix=fit.values[:, :3],
+        bias_rad_s=fit.values[:, 3],
+        covariance=covariance,
+        coefficients=_coefficients(fit, covariance) if sensors == (0, 1, 2) else None,
         axes=axes,
         condition=fit.condition,
         noise=fit.noise,
@@ -209,32 +221,36 @@ def _turned_axis(rates: FloatArray) -> NDArray[np.intp]:
 
 @dataclass(frozen=True)
 class _AxisData:
-    """Blocks of all staircases, their true rates, and which of them turn about this axis."""
+    """Blocks of all staircases, their true rates, which of them turn about this axis; the gyro's column."""
 
     blocks: Blocks
     inputs: FloatArray
     mine: NDArray[np.bool_]
+    row: int
+    axis: int
 
-    def own(self, axis: int, fit: CorrelatedFit) -> tuple[Blocks, FloatArray, NDArray[np.bool_]]:
+    def own(self, fit: CorrelatedFit) -> tuple[Blocks, FloatArray, NDArray[np.bool_]]:
         """Blocks about this axis and at rest, less their cross-coupling by `fit`; their rates; which turn."""
         still = np.abs(self.inputs).max(axis=1) <= MIN_RATE_PART * np.abs(self.inputs).max()
         rows = self.mine | still
-        coupling = fit.values[axis, :3].copy()
-        coupling[axis] = 0.0
-        output = self.blocks.means[rows, axis] - self.inputs[rows] @ coupling
+        coupling = fit.values[self.row, :3].copy()
+        coupling[self.axis] = 0.0
+        output = self.blocks.means[rows, self.row] - self.inputs[rows] @ coupling
         blocks = Blocks(self.blocks.middle_s[rows], self.blocks.duration_s[rows], output[:, None])
-        return blocks, self.inputs[rows, axis], self.mine[rows]
+        return blocks, self.inputs[rows, self.axis], self.mine[rows]
 
 
-def _axis_figures(
-    axis: int, data: _AxisData, fit: CorrelatedFit, how: tuple[str, SlowTerms | None]
-) -> AxisFigures:
+def _axis_figures(data: _AxisData, fit: CorrelatedFit, how: tuple[str, SlowTerms | None]) -> AxisFigures:
+    row, axis = data.row, data.axis
     where, known_slow = f"{how[0]}, {'xyz'[axis]} axis", how[1]
-    gyro, rate, mine = data.own(axis, fit)
+    gyro, rate, mine = data.own(fit)
     _check_sides(axis, rate[mine], where)
     sides = np.column_stack([np.maximum(rate, 0.0), np.minimum(rate, 0.0), np.ones(len(rate))])
     split = fit_correlated(sides, gyro, ("positive rates", "negative rates", "bias"), where, known_slow)
-    scale = float(fit.values[axis, axis])
+    scale = float(fit.values[row, axis])
+    if scale <= 0.0:
+        what = f"Gyro {'xyz'[axis]} does not follow the rate: its scale factor is {scale:.2g}."
+        raise refused(what, where, "see whether it answers at all, and its sign.")
     full_scale = scale * float(np.abs(rate[mine]).max())
     # Each level's own mean in one fit, then the line's operator on them: noise and its memory go through.
     columns, rates, names = _levels(rate, mine)
@@ -251,8 +267,8 @@ def _axis_figures(
     minimax = outputs - design @ (line_weights("minimax", rates, outputs) @ outputs)
     return AxisFigures(
         axis=axis,
-        scale_factor_error=(scale - 1.0, float(fit.standard_uncertainty[axis, axis])),
-        bias_rad_s=(float(fit.values[axis, 3]), float(fit.standard_uncertainty[axis, 3])),
+        scale_factor_error=(scale - 1.0, float(fit.standard_uncertainty[row, axis])),
+        bias_rad_s=(float(fit.values[row, 3]), float(fit.standard_uncertainty[row, 3])),
         asymmetry=_asymmetry(split),
         rates_rad_s=rates,
         residuals=residual,
@@ -302,13 +318,19 @@ def _largest_of_noise(covariance: FloatArray) -> float:
     return float(np.abs(draws @ root.T).max(axis=1).mean())
 
 
-def _coefficients(fit: CorrelatedFit, relative: float) -> TriadCoefficients:
-    """M row by row and b, with the covariance of independent gyros."""
-    covariance = np.zeros((12, 12))
-    for gyro in range(3):
-        own = [3 * gyro, 3 * gyro + 1, 3 * gyro + 2, 9 + gyro]
+def _covariance(fit: CorrelatedFit, relative: float) -> FloatArray:
+    """Of the rows of M one after another and the biases, the gyros' noise independent, (4 m, 4 m)."""
+    gyros = len(fit.values)
+    covariance = np.zeros((4 * gyros, 4 * gyros))
+    for gyro in range(gyros):
+        own = [3 * gyro, 3 * gyro + 1, 3 * gyro + 2, 3 * gyros + gyro]
         covariance[np.ix_(own, own)] = fit.covariance[gyro]
-    found = TriadCoefficients(
+    common = np.concatenate([fit.values[:, :3].ravel(), np.zeros(gyros)])
+    return covariance + relative**2 * np.outer(common, common)
+
+
+def _coefficients(fit: CorrelatedFit, covariance: FloatArray) -> TriadCoefficients:
+    return TriadCoefficients(
         quantity="angular_rate",
         matrix=fit.values[:, :3],
         bias=fit.values[:, 3],
@@ -316,4 +338,3 @@ def _coefficients(fit: CorrelatedFit, relative: float) -> TriadCoefficients:
         residual_rms=float(np.sqrt((fit.residuals**2).mean())),
         degrees_of_freedom=3 * fit.degrees_of_freedom,
     )
-    return found.with_input_uncertainty(relative)

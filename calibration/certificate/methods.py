@@ -124,6 +124,48 @@ def _allan(say: Say) -> MethodWords:
     )
 
 
+def _bias(say: Say) -> MethodWords:
+    return MethodWords(
+        say("output at rest less the Earth rate; standard deviation of averages of 10 s over one hour"),
+        say(
+            "GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"
+        ),
+    )
+
+
+def _repeatability(say: Say) -> MethodWords:
+    return MethodWords(
+        say("standard deviation of a figure over runs, each with its own uncertainty"),
+        say(
+            "GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"
+        ),
+    )
+
+
+def _rate_staircase(say: Say) -> MethodWords:
+    return MethodWords(
+        say("staircase of rates about each axis, up and down; line by least squares"),
+        say("IEEE Std 952-1997; GJB 2426A; IEEE Std 528-2001"),
+    )
+
+
+def _frequency_response(say: Say) -> MethodWords:
+    return MethodWords(
+        say(
+            "sine of rising frequency; transfer function by bands, then gain, delay and first-order lag"
+        ),
+        say("IEEE Std 528-2001: frequency response"),
+    )
+
+
+def _tumble(say: Say) -> MethodWords:
+    return MethodWords(
+        say("slow tumble about horizontal axes; the Earth rate taken out attitude by attitude"),
+        say("IEEE Std 952-1997; IEEE Std 1293-1998"),
+        (say("only differences of quadratic terms show in gravity: that of each own axis is taken."),),
+    )
+
+
 _OF_MODELS = {("magnetometer", "spin"): _spin}
 _METHODS = {
     "imu_calibration": _imu_calibration,
@@ -137,4 +179,9 @@ _METHODS = {
     "magnetometer": _magnetometer,
     "allan": _allan,
     "allan_variance": _allan,
+    "bias": _bias,
+    "repeatability": _repeatability,
+    "rate_staircase": _rate_staircase,
+    "frequency_response": _frequency_response,
+    "tumble": _tumble,
 }

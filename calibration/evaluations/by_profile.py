@@ -3,7 +3,10 @@
 impact         pure lag of a gyro                                        (paper 3)
 eleven_point   line, linearity, hysteresis of analogue gyros             (paper 4)
 overload       K_a, K_2 of accelerometers, D of gyros                    (paper 5)
-static         noise coefficients of gyros and accelerometers            (IEEE 952)
+static         noise coefficients, bias, bias stability, repeatability   (IEEE 952, GJB 2426A)
+rate_staircase scale factor, linearity, asymmetry, geometry of gyros     (IEEE 952)
+sweep          gain, delay, lag, bandwidth of gyros                      (IEEE 528)
+tumble         g-sensitivity of gyros, quadratic term of accelerometers  (IEEE 952, 1293)
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
 """
 
@@ -13,19 +16,25 @@ from collections.abc import Callable, Sequence
 from calibration.evaluations.eleven_point import evaluate_eleven_point
 from calibration.evaluations.impact import evaluate_impact
 from calibration.evaluations.method_evaluation import MethodEvaluation
-from calibration.evaluations.noise import evaluate_noise
 from calibration.evaluations.overload import evaluate_overload
+from calibration.evaluations.rate_staircase import evaluate_rate_staircase
 from calibration.evaluations.spin import evaluate_spin
+from calibration.evaluations.static import evaluate_static
+from calibration.evaluations.sweep import evaluate_sweep
+from calibration.evaluations.tumble import evaluate_tumble
 from protocol.recordings import Recording
 
 EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
     "impact": evaluate_impact,
     "eleven_point": evaluate_eleven_point,
     "overload": evaluate_overload,
-    "static": evaluate_noise,
+    "static": evaluate_static,
+    "rate_staircase": evaluate_rate_staircase,
+    "sweep": evaluate_sweep,
+    "tumble": evaluate_tumble,
     "spin": evaluate_spin,
 }
-TOGETHER = frozenset({"overload"})
+TOGETHER = frozenset({"overload", "rate_staircase", "static"})
 """Profiles of which one unit's recordings belong together."""
 
 

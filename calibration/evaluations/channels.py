@@ -1,6 +1,7 @@
 """The unit's channels in rad/s and m/s^2, from whichever form it sends: numbers, counts, volts, pulses."""
 
 # pyright: strict
+import math
 from collections.abc import Mapping
 from typing import Any, Literal, cast
 
@@ -14,6 +15,7 @@ from calibration.evaluations.method_evaluation import (
     sample_period_s,
     stream_with,
 )
+from calibration.sensor_knowledge import slow_noise
 from protocol.recordings import Recording, Stream
 from protocol.units_of_measure import factor_to_si
 
@@ -66,6 +68,19 @@ def channels_in_si(recording: Recording, kind: Kind) -> tuple[str, FloatArray]:
     there = {letter: samples for letter, samples in found.items() if samples is not None}
     values = np.stack(list(there.values()), axis=1) if there else np.zeros((len(dut), 0))
     return "".join(there), np.asarray(values, dtype=np.float64)
+
+
+def stated_slow_terms(recording: Recording, kind: Kind) -> tuple[tuple[float, float], ...] | None:
+    """(standard deviation, correlation time) of the slow noise that the recording states; None: nothing.
+
+    What differs from one power-on to the next is left out: figures are of this power-on.
+    """
+    terms = tuple(
+        (one.standard_deviation, one.correlation_time_s)
+        for one in slow_noise(recording, kind)
+        if math.isfinite(one.correlation_time_s)
+    )
+    return terms or None
 
 
 def _of_counts(recording: Recording, kind: str, key: str) -> float | None:
