@@ -19,8 +19,12 @@ from protocol.errors import CalibrationError, Fault
 THRESHOLD_SIGMAS = 5.0
 MIN_REST_FRAMES = 30
 """Fewer frames of rest do not tell sigma to 13 %."""
-MIN_MARGIN = 2.0
-"""A peak below this many thresholds is too weak an impact: its rise may have been missed by a frame."""
+MIN_MARGIN = 4.0
+"""A peak below this many thresholds is too weak an impact: noise may hide its rise for a frame or more."""
+NOISE_SIGMAS = 3.5
+"""What noise may hide of a response."""
+STEP_PART = 0.7
+"""Least part of the peak that the step itself has: the rest is ringing of what was struck."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +131,19 @@ def detection_delay_s(
             Fault.STAND,
         )
     return -time_constant_s * math.log1p(-threshold_sigmas * rest_deviation / abs(step))
+
+
+def latest_detection_s(peak_sigmas: float, time_constant_s: float) -> float:
+    """The most that passes from the impact's arrival until the rule sees it, s.
+
+    Args:
+        peak_sigmas: of the weakest impact used, in standard deviations of the rest.
+        time_constant_s: of the gyro's band limit.
+
+    Raises:
+        CalibrationError: an impact that noise can hide.
+    """
+    return detection_delay_s(STEP_PART * peak_sigmas, 1.0, time_constant_s, THRESHOLD_SIGMAS + NOISE_SIGMAS)
 
 
 def _refused(what: str, remedy: str, fault: Fault) -> CalibrationError:

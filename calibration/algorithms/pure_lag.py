@@ -86,13 +86,20 @@ class PureLag:
     shots: int
 
 
-def pure_lag(delays_s: FloatArray, frame_s: float, stamps: TimeStamps | None = PAPER_STAMPS) -> PureLag:
+def pure_lag(
+    delays_s: FloatArray,
+    frame_s: float,
+    stamps: TimeStamps | None = PAPER_STAMPS,
+    detection_s: float = 0.0,
+) -> PureLag:
     """Bounds from the stamps of the first frames that show the impact.
 
     Args:
         delays_s: d, shape (k,), s, one an impact.
         frame_s: T_f, s.
         stamps: how d was stamped: widens the bounds by what a count hides; None: times without a count.
+        detection_s: the most that passes between the impact's arrival in the output and its detection (see
+            `impact_detection.latest_detection_s`): d lies in [L, L + T_f + this).
 
     Raises:
         CalibrationError: too few shots, missing or saturated stamps, or bounds that cross: no one lag
@@ -112,7 +119,7 @@ def pure_lag(delays_s: FloatArray, frame_s: float, stamps: TimeStamps | None = P
         _refuse_saturated(delays, stamps)
     early, late = (0.0, 0.0) if stamps is None else (stamps.early_s, stamps.late_s)
     upper = float(delays.min()) + late
-    lower = max(float(delays.max()) - early - frame_s, 0.0)
+    lower = max(float(delays.max()) - early - frame_s - detection_s, 0.0)
     if lower > upper + CLOCK_TOLERANCE * frame_s:
         raise _refused(
             f"The stamps spread over {(float(delays.max()) - float(delays.min())) * 1e6:.2f} us, more than "

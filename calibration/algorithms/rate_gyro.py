@@ -29,6 +29,8 @@ RANGE_COEFFICIENT = {2: 1.13, 3: 1.69, 4: 2.06, 5: 2.33, 6: 2.53, 7: 2.70, 8: 2.
 """Mean range of n normal readings over their standard deviation (JJF 1059.1, table 1)."""
 RANGE_DEGREES_OF_FREEDOM = {2: 0.9, 3: 1.8, 4: 2.7, 5: 3.6, 6: 4.5, 7: 5.3, 8: 6.0, 9: 6.8}
 """Of the range method (JJF 1059.1, table 1)."""
+MAX_LOCAL_SLOPE = 0.5
+"""How far, relative to the whole line's, the slope between two neighbouring points may be off."""
 MIN_SPAN_TO_SCATTER = 10.0
 """An output that spans less than this many times its own repeatability does not follow the rate."""
 
@@ -217,6 +219,7 @@ def evaluate_rate_gyro(readings: StrokeReadings) -> RateGyroResult:
         CalibrationError: an output that does not follow the rate.
     """
     lines: dict[LineMethod, FittedLine] = {method: fit_line(readings, method) for method in LINE_METHODS}
+    _refuse_bent_output(readings, lines["least_squares"])
     full_scale = readings.full_scale_v
     per_point: dict[LineMethod, FloatArray] = {
         method: line.residual_v / full_scale for method, line in lines.items()
@@ -260,6 +263,24 @@ def range_repeatability(readings_v: FloatArray) -> tuple[float, float]:
             remedy="use the standard deviation, which holds for any number of readings.",
         )
     return float(np.ptp(readings_v)) / RANGE_COEFFICIENT[count], RANGE_DEGREES_OF_FREEDOM[count]
+
+
+def _refuse_bent_output(readings: StrokeReadings, line: FittedLine) -> None:
+    """A gyro whose output stands still between two rates is saturated there, or the rates are not those."""
+    rate, mean = readings.points.rate_rad_s, readings.mean_v
+    slopes = np.diff(mean) / np.diff(rate) / line.sensitivity_v_per_rad_s
+    by_noise = 6.0 * readings.repeatability_v / np.diff(rate) / abs(line.sensitivity_v_per_rad_s)
+    bent = np.abs(slopes - 1.0) > np.maximum(MAX_LOCAL_SLOPE, by_noise)
+    if not bent.any():
+        return
+    at = int(np.argmax(np.abs(slopes - 1.0)))
+    raise CalibrationError(
+        f"Between {rate[at]:.6g} and {rate[at + 1]:.6g} rad/s the output changes {slopes[at]:.2f} times as "
+        "much as the line says: it is saturated, or these are not the rates.",
+        where="line of a rate gyro",
+        fault=Fault.DATA,
+        remedy="leave out rates beyond the gyro's range, and look at the points' rates.",
+    )
 
 
 def _refuse_dead_axis(readings: StrokeReadings) -> None:

@@ -207,7 +207,15 @@ def joint_solve(motion: HalfCycles, pulses: FloatArray, known: KnownAcceleromete
             "K_1, K_0 and the counters belong to this axis.",
             Fault.DATA,
         )
-    return np.column_stack([asymmetry, (n_plus / (1.0 + asymmetry) - p) / s_plus])
+    quadratic = (n_plus / (1.0 + asymmetry) - p) / s_plus
+    share = float(np.abs(quadratic * s_plus / v_plus).max())
+    if share > MAX_ASYMMETRY:
+        raise refused(
+            f"A quadratic part of {share:.2g} of the acceleration is none of an accelerometer: see the units "
+            "of position and scale factor.",
+            Fault.DATA,
+        )
+    return np.column_stack([asymmetry, quadratic])
 
 
 def printed_forms(motion: HalfCycles, pulses: FloatArray, known: KnownAccelerometer) -> tuple[float, float]:

@@ -4,9 +4,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.algorithms.coefficients import FloatArray
+from calibration.algorithms.dwell_means import dwell_means
 from calibration.algorithms.earth import EARTH_RATE_RAD_S
 from calibration.algorithms.rate_gyro import LINE_METHODS, RateGyroResult, evaluate_rate_gyro
 from calibration.algorithms.rate_gyro_uncertainty import Multimeter
@@ -18,6 +18,7 @@ from calibration.evaluations.method_evaluation import (
     SensorResult,
     believed_number,
     method_evaluation,
+    refuse_backward_time,
     refuse_unjoined,
     refused,
     sample_period_s,
@@ -33,6 +34,9 @@ TABLE_ACCURACY = 1e-4
 METER = Multimeter(reading_part=3.5e-5, range_part=5e-6, range_v=10.0)
 """Bounds of paper 4's table and voltmeter: a recording does not tell its instruments' certificates."""
 UP_STROKE, DOWN_STROKE = 1, -1
+RATE_TOLERANCE = 0.01
+"""Of the greatest rate, between what the points name and the table says."""
+OTHER_AXIS = 10.0
 RANGE_MARGIN = 0.002
 
 
@@ -47,7 +51,9 @@ def evaluate_eleven_point(recordings: tuple[Recording, ...]) -> MethodEvaluation
     refuse_unjoined(recording)
     columns = ("duration", "rate", "axis", "cycle", "stroke")
     points = stream_with(recording, "points", *columns)
+    _refuse_unread_points(recording, points, columns)
     dut = stream_with(recording, "dut")
+    refuse_backward_time(recording, dut)
     turned = sorted({int(axis) for axis in points.si("axis")})
     if not set(turned) <= {1, 2, 3}:
         raise refused(
@@ -61,8 +67,15 @@ def evaluate_eleven_point(recordings: tuple[Recording, ...]) -> MethodEvaluation
         table, sentence = _table(recording, letter)
         if sentence not in assumptions:
             assumptions.append(sentence)
-        readings = _readings(recording, points, dut, axis, table)
+        readings, left_out = _readings(recording, points, dut, axis, table)
+        suspects += left_out
         found = evaluate_rate_gyro(readings)
+        _refuse_other_axis(recording, dut, letter, found)
+        if found.lines["least_squares"].sensitivity_v_per_rad_s < 0.0:
+            falls = say(
+                "output of gyro {axis} falls as the rate rises: see which way it is mounted", axis=letter
+            )
+            assumptions.append(falls)
         content = rate_gyro_content(readings, found, table, METER)
         results.append(SensorResult(f"gyro_{letter}", content, recordings, _other_lines(found)))
         count = len(readings.suspects())
@@ -106,7 +119,7 @@ def _upward(recording: Recording, letter: str) -> float:
 
 def _readings(
     recording: Recording, points: Stream, dut: Stream, axis: int, table: RateTable
-) -> StrokeReadings:
+) -> tuple[StrokeReadings, list[NotUsed]]:
     """Means of the output over each dwell, sorted by cycle and rate; one that is not there is missing."""
     channel = f"volt_{'xyz'[axis - 1]}"
     volts = stream_with(recording, "dut", channel).si(channel)
@@ -114,9 +127,28 @@ def _readings(
     begin_s, duration_s, rate = points.time_s()[mine], points.si("duration")[mine], points.si("rate")[mine]
     cycle = points.si("cycle")[mine].astype(np.int64)
     stroke = points.si("stroke")[mine].astype(np.int64)
-    means = _dwell_means(recording, dut, volts, begin_s, duration_s)
+    _refuse_other_rates(recording, f"rate_{'xyz'[axis - 1]}", begin_s, duration_s, rate)
+    dwells = dwell_means(dut.time_s(), volts, begin_s, duration_s, sample_period_s(recording, dut))
+    if dwells.unsteady.any():
+        named = ", ".join(f"{value:.6g}" for value in rate[dwells.unsteady][:4])
+        raise refused(
+            recording,
+            f"In {int(dwells.unsteady.sum())} of {len(rate)} dwells the output has not settled: at {named} "
+            "rad/s.",
+            "see that the points' times are those of the recording, and dwell longer after each step",
+            "stream points",
+        )
+    means = dwells.mean
     chosen = choose_points(_distinct(rate), table, locked_at_zero=True)
     column = np.abs(rate[:, None] - chosen.rate_rad_s).argmin(axis=1)
+    _, times = np.unique(np.column_stack([cycle, stroke, column]), axis=0, return_counts=True)
+    if (times > 1).any():
+        raise refused(
+            recording,
+            f"{int((times > 1).sum())} points of a cycle and stroke are there more than once.",
+            "evaluate each run of one unit as a recording of its own",
+            "stream points",
+        )
     cycles = sorted(set(cycle.tolist()))
     tables: dict[int, FloatArray] = {}
     for direction in (UP_STROKE, DOWN_STROKE):
@@ -129,7 +161,15 @@ def _readings(
     limit = None
     if full_range is not None and volts_per_unit is not None:
         limit = full_range * volts_per_unit * (1.0 - RANGE_MARGIN)
-    return StrokeReadings(chosen, tables[UP_STROKE], tables[DOWN_STROKE], limit)
+    left_out = [
+        NotUsed(say("samples of {channel} in dwells", channel=channel), count, why)
+        for count, why in (
+            (dwells.missing, say("missing values (NaN), or never came")),
+            (dwells.outliers, say("far from the others of their dwell")),
+        )
+        if count
+    ]
+    return StrokeReadings(chosen, tables[UP_STROKE], tables[DOWN_STROKE], limit), left_out
 
 
 def _distinct(rate: FloatArray) -> FloatArray:
@@ -139,20 +179,65 @@ def _distinct(rate: FloatArray) -> FloatArray:
     return ordered[np.r_[True, apart]]
 
 
-def _dwell_means(
-    recording: Recording, dut: Stream, volts: FloatArray, begin_s: FloatArray, duration_s: FloatArray
-) -> NDArray[np.float64]:
-    """Mean output of each dwell, NaN where half of its samples are not there, shape (k,)."""
-    time_s, period_s = dut.time_s(), sample_period_s(recording, dut)
-    first = np.searchsorted(time_s, begin_s - 1e-6)
-    last = np.searchsorted(time_s, begin_s + duration_s - 1e-6)
-    means = np.full(len(begin_s), np.nan)
-    for row, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
-        samples = volts[a:b]
-        samples = samples[np.isfinite(samples)]
-        if len(samples) >= max(1.0, 0.5 * duration_s[row] / period_s):
-            means[row] = samples.mean()
-    return means
+def _refuse_unread_points(recording: Recording, points: Stream, columns: tuple[str, ...]) -> None:
+    refuse_backward_time(recording, points)
+    unread = ~np.isfinite(np.stack([points.si(column) for column in columns])).all(axis=0)
+    durations = points.si("duration")
+    overlong = points.time_s()[:-1] + durations[:-1] > points.time_s()[1:] + 1e-6
+    if unread.any() or overlong.any():
+        raise refused(
+            recording,
+            f"{int(unread.sum())} points hold missing numbers and {int(overlong.sum())} last into the next.",
+            "correct them, or take the strokes again",
+            "stream points",
+        )
+
+
+def _refuse_other_rates(
+    recording: Recording, column: str, begin_s: FloatArray, duration_s: FloatArray, rate: FloatArray
+) -> None:
+    """The rates that the points name are those that the table says it turned with, where it says so."""
+    stand = recording.streams.get("stand")
+    if stand is None or not len(stand) or not stand.has(column):
+        return
+    time_s, turned = stand.time_s(), stand.si(column)
+    known = np.isfinite(time_s) & np.isfinite(turned)
+    middle = np.interp(begin_s + 0.5 * duration_s, time_s[known], turned[known]) if known.any() else rate
+    off = np.abs(middle - rate) > RATE_TOLERANCE * float(np.abs(rate).max())
+    if off.any():
+        raise refused(
+            recording,
+            f"At {int(off.sum())} of {len(rate)} points the table's own rate is another, the first time "
+            f"{middle[off][0]:.6g} instead of {rate[off][0]:.6g} rad/s.",
+            "look at the unit of the points' rate, the axis that turned, and the clocks of stand and points",
+            "stream points",
+        )
+
+
+def _refuse_other_axis(recording: Recording, dut: Stream, letter: str, found: RateGyroResult) -> None:
+    """Another gyro that follows the table ten times as much is the one that was turned."""
+    spans = {
+        axis: float(np.ptp(values))
+        for axis in "xyz"
+        if dut.has(f"volt_{axis}") and len(values := _finite(dut.si(f"volt_{axis}")))
+    }
+    largest = max(spans, key=lambda axis: spans[axis])
+    if largest != letter and spans[largest] > OTHER_AXIS * found.full_scale_v and _alone(recording):
+        raise refused(
+            recording,
+            f"The points say that axis {letter} turned; gyro {largest} followed ({spans[largest]:.3g} V), "
+            f"gyro {letter} did not ({found.full_scale_v:.3g} V).",
+            "see which axis turned, and whether the outputs are connected to the right channels",
+        )
+
+
+def _alone(recording: Recording) -> bool:
+    """Whether one axis alone was turned in the recording: else the others' outputs tell nothing."""
+    return len(set(recording.stream("points").si("axis").tolist())) == 1
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return values[np.isfinite(values)]
 
 
 def _other_lines(found: RateGyroResult) -> tuple[Beside, ...]:

@@ -5,13 +5,19 @@ own stream is not needed for that, so clocks need not be joined.
 """
 
 # pyright: strict
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.algorithms.coefficients import FloatArray
-from calibration.algorithms.impact_detection import MIN_REST_FRAMES, THRESHOLD_SIGMAS, detect_impact
+from calibration.algorithms.impact_detection import (
+    MIN_REST_FRAMES,
+    THRESHOLD_SIGMAS,
+    detect_impact,
+    latest_detection_s,
+)
 from calibration.algorithms.pure_lag import PureLag, TimeStamps, paper_bounds, pure_lag
 from calibration.algorithms.pure_lag_shots import confidence, paper_confidence
 from calibration.algorithms.screening import NotUsed
@@ -19,7 +25,9 @@ from calibration.evaluations.method_evaluation import (
     Beside,
     MethodEvaluation,
     SensorResult,
+    believed_number,
     method_evaluation,
+    refuse_backward_time,
     refused,
     sample_period_s,
     stream_with,
@@ -36,6 +44,8 @@ SEARCHED_FRAMES = 40
 """Frames from the trigger on that the impact is looked for in."""
 PRECISION_PART = 0.05
 """Of a frame: the precision that a probability is told for (paper 3: 25 us of 500 us)."""
+PERIOD_TOLERANCE = 0.01
+"""Of the frames' period, between times and stamps."""
 STAMPS = TimeStamps(STAMP_RESOLUTION_S, STAMP_FULL_SCALE_S, "down")
 
 
@@ -58,10 +68,23 @@ def evaluate_impact(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     """
     (recording,) = recordings
     dut = stream_with(recording, "dut", "stamp")
+    refuse_backward_time(recording, dut)
     channel = _struck_channel(recording, dut)
     frame_s = sample_period_s(recording, dut)
     shots = _shots(recording, dut, channel)
-    found = pure_lag(shots.delays_s, frame_s, STAMPS)
+    bandwidth_hz = believed_number(recording, "gyro", "bandwidth_hz")
+    detection_s = 0.0
+    if bandwidth_hz is not None and bandwidth_hz > 0.0:
+        detection_s = latest_detection_s(shots.weakest_sigmas, 0.5 / (math.pi * bandwidth_hz))
+        rise = say(
+            "until then at most {detection} µs pass, by the gyro's bandwidth of {hz} Hz: the lower bound "
+            "allows it",
+            detection=f"{detection_s * 1e6:.2f}",
+            hz=f"{bandwidth_hz:.0f}",
+        )
+    else:
+        rise = say("the gyro's bandwidth is not known: what passes until then is part of the lag")
+    found = pure_lag(shots.delays_s, frame_s, STAMPS, detection_s)
     assumptions = [
         say(
             "frames every {period} µs, stamps rounded down to {resolution} ns",
@@ -74,6 +97,7 @@ def evaluate_impact(recordings: tuple[Recording, ...]) -> MethodEvaluation:
             sigmas=f"{THRESHOLD_SIGMAS:g}",
             peak=f"{shots.weakest_sigmas:.0f}",
         ),
+        rise,
     ]
     result = SensorResult(
         channel, pure_lag_content(found), recordings, _beside(recording, found, shots, frame_s)
@@ -88,13 +112,16 @@ def _struck_channel(recording: Recording, dut: Stream) -> str:
         raise refused(
             recording, "The recording has no gyro.", "record gyro_x, gyro_y or gyro_z", "stream dut"
         )
-    spans = [float(np.nanmax(dut.si(name)) - np.nanmin(dut.si(name))) for name in there]
+    outputs = {name: dut.si(name)[np.isfinite(dut.si(name))] for name in there}
+    spans = [float(np.ptp(values)) if len(values) else 0.0 for values in outputs.values()]
     return there[int(np.argmax(spans))]
 
 
 def _shots(recording: Recording, dut: Stream, channel: str) -> _Shots:
-    stamps = np.asarray(dut.columns["stamp"], dtype=np.int64)
-    output = dut.si(channel)
+    sent = np.asarray(dut.columns["stamp"], dtype=np.float64)
+    unread = ~np.isfinite(sent)
+    stamps = np.where(unread, 0.0, sent).astype(np.int64)
+    output = np.where(unread, np.nan, dut.si(channel))  # no shot may lean on a frame without a stamp
     told = (stamps & STAMP_FLAG) != 0
     counts = np.where(told, stamps & STAMP_MAX_COUNT, STAMP_MAX_COUNT + 1)  # before a trigger: beyond all
     begins = np.flatnonzero(np.diff(counts) < 0) + 1
@@ -105,6 +132,7 @@ def _shots(recording: Recording, dut: Stream, channel: str) -> _Shots:
             "connect the rig's trigger, and strike",
             "stream dut, stamp",
         )
+    _refuse_other_period(recording, dut, stamps, told)
     lost = _lost_before(dut)
     delays: list[float] = []
     numbers: list[int] = []
@@ -140,11 +168,36 @@ def _shots(recording: Recording, dut: Stream, channel: str) -> _Shots:
     return _Shots(np.array(delays), np.array(numbers), min(peaks), not_used)
 
 
+def _refuse_other_period(
+    recording: Recording, dut: Stream, stamps: NDArray[np.int64], told: NDArray[np.bool_]
+) -> None:
+    """Two clocks tell the frames' period: the recording's times and the rig's stamps."""
+    counts = stamps & STAMP_MAX_COUNT
+    running = told[1:] & told[:-1] & (counts[1:] < STAMP_MAX_COUNT) & (counts[1:] > counts[:-1])
+    if not running.any():
+        return
+    by_stamps = float(np.median(np.diff(counts)[running])) * STAMP_RESOLUTION_S
+    by_times = sample_period_s(recording, dut)
+    if abs(by_stamps - by_times) > PERIOD_TOLERANCE * by_times + STAMP_RESOLUTION_S:
+        raise refused(
+            recording,
+            f"Frames come every {by_times * 1e6:.2f} us by their times, every {by_stamps * 1e6:.2f} us by "
+            "their stamps.",
+            "look at the unit of the recording's times, and at the stamps",
+            "stream dut",
+        )
+
+
 def _lost_before(dut: Stream) -> NDArray[np.bool_]:
-    """Whether frames are missing before each one, by the 8-bit counter where there is one, shape (n,)."""
+    """Whether frames are missing before each one, by the 8-bit counter, else by the times, shape (n,)."""
     lost = np.zeros(len(dut), dtype=np.bool_)
     if "counter" in dut.columns:
-        lost[1:] = np.diff(np.asarray(dut.columns["counter"], dtype=np.int64)) % 256 != 1
+        counter = np.asarray(dut.columns["counter"], dtype=np.float64)
+        step = np.mod(np.diff(np.where(np.isfinite(counter), counter, 0.5)), 256.0)
+        lost[1:] = step != 1.0  # a missing number is none of a row either
+    else:
+        steps = np.diff(dut.time_s())
+        lost[1:] = steps > 1.5 * float(np.median(steps))
     return lost
 
 

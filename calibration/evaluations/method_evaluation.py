@@ -119,7 +119,7 @@ def stream_with(recording: Recording, name: str, *columns: str) -> Stream:
         raise refused(
             recording,
             f"The recording has no stream '{name}', or nothing in it.",
-            f"record the profile with {', '.join(columns)} in the stream '{name}'",
+            f"record the profile with {', '.join(columns) or 'its columns'} in the stream '{name}'",
         )
     stream = recording.streams[name]
     missing = [column for column in columns if column not in stream.columns]
@@ -144,6 +144,24 @@ def refuse_unjoined(recording: Recording) -> None:
             recording,
             "No trigger joins the clocks of unit and stand: where the stand's events lie is not known.",
             "record with the trigger connected",
+        )
+
+
+def refuse_backward_time(recording: Recording, stream: Stream) -> None:
+    """Times that are missing, stand still or run back put samples in the wrong place.
+
+    Raises:
+        CalibrationError: how many there are.
+    """
+    time_s = stream.time_s()
+    missing = int((~np.isfinite(time_s)).sum())
+    backward = 0 if missing else int((np.diff(time_s) <= 0.0).sum())
+    if missing or backward:
+        raise refused(
+            recording,
+            f"{missing} times are missing and {backward} do not come after the one before.",
+            "look at the recording's time column: two recordings in one, or a clock that was set",
+            f"stream {stream.name}",
         )
 
 

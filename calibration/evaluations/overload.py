@@ -26,13 +26,15 @@ from calibration.evaluations.overload_halves import CutRun, cut_into_halves, pul
 from calibration.records.method_contents import overload_content
 from protocol.language import say
 from protocol.recordings import Recording
-from protocol.units_of_measure import factor_to_si
+from protocol.units_of_measure import STANDARD_GRAVITY_M_S2, factor_to_si
 
-U_LEVEL_RAD = 2e-4
+U_LEVEL_RAD = 1e-4
 """Of the stroke against the level and of the unit on the slide: what gravity adds along the axis."""
-U_BIAS_G = 2e-5
+U_BIAS_G = 4e-5
 U_EVEN_QUADRATIC_S2_M = 3e-7
 """3 ug/g^2: the even quadratic term is not known beforehand and taken as zero."""
+MIN_FORCES = 10
+GRAVITY_TOLERANCE = 0.01
 
 
 def evaluate_overload(recordings: tuple[Recording, ...]) -> MethodEvaluation:
@@ -100,14 +102,28 @@ def _known(run: CutRun) -> KnownAccelerometer:
 
 
 def _mean_force_m_s2(run: CutRun) -> FloatArray:
-    """Gravity in body axes: the mean of the stand's force over whole cycles, in which motion adds nothing."""
+    """Gravity in body axes: what the stand's force has beside the slide's acceleration, by medians."""
     names = ("acc_x", "acc_y", "acc_z")
     stand = stream_with(run.recording, "stand", *names)
     time_s = stand.time_s()
-    inside = (time_s >= run.motion.cut_s[0]) & (time_s <= run.motion.cut_s[-1])
-    mean = stand.si(*names)[inside].mean(axis=0)
-    mean[run.axis] = 0.0 if abs(mean[run.axis]) < 0.1 else mean[run.axis]
-    return mean
+    force = stand.si(*names)
+    known = np.isfinite(force).all(axis=1) & np.isfinite(time_s)
+    if known.sum() < MIN_FORCES:
+        raise refused(
+            run.recording, "The stand's force is missing.", "record acc_x, acc_y, acc_z", "stream stand"
+        )
+    beside = force[known]
+    beside[:, run.axis] -= run.motion.slide(time_s[known])[2]
+    gravity = np.median(beside, axis=0)
+    if abs(float(np.linalg.norm(gravity)) / STANDARD_GRAVITY_M_S2 - 1.0) > GRAVITY_TOLERANCE:
+        raise refused(
+            run.recording,
+            f"The stand's force less the slide's acceleration is {float(np.linalg.norm(gravity)):.4g} m/s^2: "
+            "no gravity.",
+            "see that the stand's force is specific force in body axes, and its unit",
+            "stream stand",
+        )
+    return gravity
 
 
 def _beside(found: OverloadResult) -> tuple[Beside, ...]:

@@ -41,7 +41,7 @@ def g_sensitivity(runs: Sequence[CutRun]) -> tuple[list[SensorResult], list[NotU
         for i, letter in enumerate("xyz")
         if any(run.gyro_pulses is not None and not run.gyro_pulses[..., i].any() for run in runs)
     ]
-    unstated = [letter for letter, scale in zip("xyz", scales[0], strict=True) if math.isnan(scale)]
+    unstated = [letter for i, letter in enumerate("xyz") if any(math.isnan(scale[i]) for scale in scales)]
     count = len(runs[0].recording.stream("dut"))
     not_used = [
         NotUsed(say("pulses of gyro {axis}", axis=letter), count, why)

@@ -12,6 +12,7 @@ from calibration.algorithms.pulse_timing import PulseCounters, SlideMotion
 from calibration.evaluations.method_evaluation import (
     believed_number,
     believed_sensor,
+    refuse_backward_time,
     refuse_unjoined,
     refused,
     stream_with,
@@ -21,6 +22,10 @@ from protocol.units_of_measure import factor_to_si
 
 COUNT_MARGIN = 2
 """Readings that must lie on either side of a cut."""
+MAX_LATE_PERIODS = 3.0
+"""Periods of reading that grating and counters may be apart: more are clocks that are not joined."""
+JUMP_SIGMAS, JUMP_PULSES = 12.0, 8.0
+"""A half-cycle's pulses are off beyond so many robust standard deviations, and pulses."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,7 @@ class CutRun:
         motion: of the slide.
         acc_pulses: of the accelerometer along the stroke, net, shape (m, 2).
         gyro_pulses: of the gyros, net, shape (m, 2, 3); None: none were recorded.
+        counted_late_s: how much later than the grating the counters were read, by the accelerometer.
     """
 
     recording: Recording
@@ -40,11 +46,13 @@ class CutRun:
     motion: OverloadMotion
     acc_pulses: FloatArray
     gyro_pulses: FloatArray | None
+    counted_late_s: float
 
 
 def cut_into_halves(recording: Recording) -> CutRun:
     refuse_unjoined(recording)
     axis = _axis(recording)
+    refuse_backward_time(recording, stream_with(recording, "dut"))
     stand = stream_with(recording, "stand", "position")
     acc = _net_counts(recording, "acc", ("xyz"[axis],))
     time_s = recording.stream("dut").time_s()
@@ -54,6 +62,8 @@ def cut_into_halves(recording: Recording) -> CutRun:
     period_s = float(np.median(np.diff(time_s))) * COUNT_MARGIN
     seen = (stand_s >= time_s[0] + period_s) & (stand_s <= time_s[-1] - period_s)
     motion = half_cycles_from_grating(stand_s[seen], position_m[seen])
+    late_s = _counted_late_s(recording, motion, acc[:, 0], time_s)
+    time_s = time_s - late_s
     has_gyros = recording.stream("dut").has(*(f"pulse_gyro_{a}_{s}" for a in "xyz" for s in ("pos", "neg")))
     gyro = _net_counts(recording, "gyro", ("x", "y", "z")) if has_gyros else None
 
@@ -62,7 +72,12 @@ def cut_into_halves(recording: Recording) -> CutRun:
         return np.diff(at_cuts, axis=0).reshape(-1, 2, counts.shape[1])
 
     gyro_pulses = None if gyro is None else halves(gyro)
-    return CutRun(recording, axis, motion, halves(acc)[:, :, 0], gyro_pulses)
+    acc_pulses = halves(acc)[:, :, 0]
+    _refuse_jumps(recording, f"accelerometer {'xyz'[axis]}", acc_pulses)
+    if gyro_pulses is not None:
+        for i, letter in enumerate("xyz"):
+            _refuse_jumps(recording, f"gyro {letter}", gyro_pulses[:, :, i])
+    return CutRun(recording, axis, motion, acc_pulses, gyro_pulses, late_s)
 
 
 def _axis(recording: Recording) -> int:
@@ -99,10 +114,14 @@ def _running_counts(recording: Recording, kind: str, letter: str) -> tuple[Float
             "record again without a break",
             "stream dut",
         )
-    if (pulses < 0).any():
+    odd = (pulses < 0) | (pulses != np.rint(pulses))
+    level = bool(((np.diff(pulses, axis=1) >= 0).all(axis=1) & (np.ptp(pulses, axis=1) > 1)).any())
+    if odd.any() or level:
         raise refused(
             recording,
-            f"{int((pulses < 0).any(axis=0).sum())} samples of {kind} {letter} hold fewer than no pulses.",
+            f"{int(odd.any(axis=0).sum())} samples of {kind} {letter} are no whole numbers of pulses."
+            if not level
+            else f"The pulses of {kind} {letter} only ever grow: they are a counter's level.",
             "record what each counter gained since the sample before, positive and negative apart",
             "stream dut",
         )
@@ -113,7 +132,7 @@ def _running_counts(recording: Recording, kind: str, letter: str) -> tuple[Float
 def gyro_counters(run: CutRun, letter: str) -> tuple[PulseCounters, SlideMotion]:
     """One gyro's counters inside the half-cycles, and the slide's motion at their readings."""
     dut = run.recording.stream("dut")
-    time_s, cuts_s = dut.time_s(), run.motion.cut_s
+    time_s, cuts_s = dut.time_s() - run.counted_late_s, run.motion.cut_s
     inside = (time_s >= cuts_s[0]) & (time_s <= cuts_s[-1])
     positive, negative = (counts[inside] for counts in _running_counts(run.recording, "gyro", letter))
     read_s = time_s[inside]
@@ -140,6 +159,49 @@ def _refuse_saturated(recording: Recording, axis: int, counts: FloatArray, time_
             recording,
             f"The accelerometer {'xyz'[axis]} is at the end of its range ({limit:g}).",
             "record with less overload",
+        )
+
+
+def _counted_late_s(
+    recording: Recording, motion: OverloadMotion, counts: FloatArray, time_s: FloatArray
+) -> float:
+    """How much later than the grating the accelerometer's counter was read, s.
+
+    The counted speed is K (c + w t + v(t - late)), so its part along the acceleration tells -K late.
+
+    Raises:
+        CalibrationError: so late that the clocks are not joined.
+    """
+    _, speed, acceleration = motion.slide(time_s)
+    basis = np.column_stack([np.ones_like(time_s), time_s - time_s[0], speed, acceleration])
+    size = np.abs(basis).max(axis=0)
+    solved = np.asarray(np.linalg.lstsq(basis / size, counts, rcond=None)[0], dtype=np.float64)
+    terms = solved / size
+    late_s = -float(terms[3] / terms[2]) if terms[2] != 0.0 else 0.0
+    bound_s = MAX_LATE_PERIODS * float(np.median(np.diff(time_s)))
+    if not abs(late_s) <= bound_s:
+        raise refused(
+            recording,
+            f"The accelerometer follows the grating by {late_s * 1e3:.3g} ms, more than {bound_s * 1e3:.3g}: "
+            "their clocks are not joined, or the pulses are of another axis.",
+            "see that one trigger starts both clocks, and which axis lies along the stroke",
+        )
+    return late_s
+
+
+def _refuse_jumps(recording: Recording, sensor: str, pulses: FloatArray) -> None:
+    """A half-cycle whose pulses are far from those of the other cycles was not counted right."""
+    away = np.abs(pulses - np.median(pulses, axis=0))
+    usual = np.maximum(JUMP_SIGMAS * 1.4826 * np.median(away, axis=0), JUMP_PULSES)
+    jumps = np.argwhere(away > usual)
+    if len(jumps):
+        cycle, half = (int(index) for index in jumps[0])
+        raise refused(
+            recording,
+            f"{len(jumps)} half-cycles of {sensor} hold pulses unlike those of other cycles, the first in "
+            f"cycle {cycle + 1}: {pulses[cycle, half]:.0f} instead of {np.median(pulses[:, half]):.0f}.",
+            "look for disturbances on the pulse lines and for lost readings",
+            "stream dut",
         )
 
 
