@@ -24,8 +24,8 @@ class DwellMeans:
     """One value a dwell, shapes (k,).
 
     Attributes:
-        mean: NaN where more of the samples than `MAX_LOST_FRACTION` are missing or far off.
-        unsteady: whether the output still changed.
+        mean: NaN where more of the samples than `MAX_LOST_FRACTION` are missing.
+        unsteady: whether the output still changed, or more of it than `MAX_LOST_FRACTION` is far off.
         missing, outliers: how many samples of all dwells were left out.
     """
 
@@ -49,6 +49,7 @@ def dwell_means(
     first = np.searchsorted(time_s, begin_s - 1e-6)
     last = np.searchsorted(time_s, begin_s + duration_s - 1e-6)
     mean, change, noise = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    restless = np.zeros(count, dtype=np.bool_)
     missing = outliers = 0
     for row, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True)):
         expected = max(round(float(duration_s[row]) / period_s), 1)
@@ -62,7 +63,11 @@ def dwell_means(
             kept = samples[
                 away <= OUTLIER_SIGMAS * _ROBUST_SIGMA * max(float(np.median(away)), _step(samples))
             ]
-        outliers += len(samples) - len(kept)
+        off = len(samples) - len(kept)
+        if off > MAX_LOST_FRACTION * expected + 1:
+            restless[row] = True
+            continue
+        outliers += off
         if len(kept) == 0 or expected - len(kept) > MAX_LOST_FRACTION * expected + 1:
             continue
         mean[row] = kept.mean()
@@ -73,7 +78,7 @@ def dwell_means(
     there = np.isfinite(mean)
     span = float(np.ptp(mean[there])) if there.any() else 0.0
     typical = float(np.median(noise[there])) if there.any() else 0.0
-    unsteady = there & (change > np.maximum(UNSTEADY * span, UNSTEADY_SIGMAS * typical))
+    unsteady = restless | there & (change > np.maximum(UNSTEADY * span, UNSTEADY_SIGMAS * typical))
     return DwellMeans(mean, unsteady, missing, outliers)
 
 
