@@ -15,6 +15,7 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial, regressors
 from gap_diagnosis.observation import Channel, Observation
+from gap_diagnosis.regimes import Regime, regimes_of
 
 NUISANCES = 4
 """1, and the three inputs of the triad."""
@@ -48,7 +49,7 @@ class ChannelDesign:
     Attributes:
         matrices: recording index → (n, p) float64; rows are those in `rows`.
         rows: recording index → (n,) bool over the observation's rows.
-        scales: (p,) what a column was divided by, SI per unit of its scalar.
+        scales: (p,) what a column was divided by: a scalar is its column's amplitude over it.
     """
 
     channel: Channel
@@ -58,29 +59,52 @@ class ChannelDesign:
 
 
 @dataclass(frozen=True)
+class CellGroup:
+    """All cells of one variable for one channel; `columns` (cells,) are their indicators."""
+
+    channel: Channel
+    regime: Regime
+    columns: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
 class Design:
-    """All columns, and the blocks that own them."""
+    """All columns, and the blocks and cells that own them."""
 
     trials: tuple[Trial, ...]
     channels: Mapping[Channel, ChannelDesign]
     blocks: tuple[Block, ...]
+    cells: tuple[CellGroup, ...] = ()
 
 
-def channels_of(observations: Sequence[Observation]) -> dict[Channel, dict[int, NDArray[np.bool_]]]:
-    """Channels with usable rows: recording index → (n,) which."""
+def channels_of(
+    observations: Sequence[Observation], wanted: frozenset[Channel] | None = None
+) -> dict[Channel, dict[int, NDArray[np.bool_]]]:
+    """Channels (all, or those wanted) with usable rows: recording index → (n,) which."""
     found: dict[Channel, dict[int, NDArray[np.bool_]]] = {}
     for index, one in enumerate(observations):
         for sensor, output in one.outputs.items():
             for axis in range(1 if sensor == "temperature" else 3):
+                if wanted is not None and Channel(sensor, axis) not in wanted:
+                    continue
                 rows = one.usable & np.isfinite(output.residual_si[:, axis])
                 if np.count_nonzero(rows) > 3 * NUISANCES:
                     found.setdefault(Channel(sensor, axis), {})[index] = rows
     return found
 
 
-def designed(observations: Sequence[Observation], trials: Sequence[Trial]) -> Design:
-    """Columns for all trials. A trial that moves nothing, or lacks its stimulus, owns no block."""
-    rows = channels_of(observations)
+def designed(
+    observations: Sequence[Observation],
+    trials: Sequence[Trial],
+    *,
+    cells: bool,
+    wanted: frozenset[Channel] | None = None,
+) -> Design:
+    """Columns for all trials, and for the cells of all regimes where these are wanted.
+
+    A trial that moves nothing, or lacks its stimulus, owns no block.
+    """
+    rows = channels_of(observations, wanted)
     parts: dict[Channel, dict[int, list[FloatArray]]] = {
         channel: {
             index: [np.ones(np.count_nonzero(use)), *_inputs(observations[index], channel, use)]
@@ -94,6 +118,9 @@ def designed(observations: Sequence[Observation], trials: Sequence[Trial]) -> De
     for number, trial in enumerate(trials):
         for effect in trial.effects:
             blocks += _own(number, effect, observations, rows, parts, counts, scales)
+    groups: list[CellGroup] = []
+    for channel in rows if cells else ():
+        groups += _cells(observations, channel, rows[channel], parts[channel], counts, scales[channel])
     channels = {
         channel: ChannelDesign(
             channel,
@@ -103,7 +130,30 @@ def designed(observations: Sequence[Observation], trials: Sequence[Trial]) -> De
         )
         for channel, by_recording in parts.items()
     }
-    return Design(tuple(trials), channels, tuple(blocks))
+    return Design(tuple(trials), channels, tuple(blocks), tuple(groups))
+
+
+def _cells(
+    observations: Sequence[Observation],
+    channel: Channel,
+    rows: Mapping[int, NDArray[np.bool_]],
+    parts: dict[int, list[FloatArray]],
+    counts: dict[Channel, int],
+    scales: list[float],
+) -> list[CellGroup]:
+    """Append the indicators of every regime's cells."""
+    groups: list[CellGroup] = []
+    for regime in regimes_of(observations, channel):
+        count = len(regime.edges) - 1
+        for index, use in rows.items():
+            inside = regime.indicators(index)
+            for cell in range(count):
+                column = np.zeros(np.count_nonzero(use)) if inside is None else inside[use, cell]
+                parts[index].append(column - column.mean())
+        scales += [1.0] * count
+        groups.append(CellGroup(channel, regime, np.arange(counts[channel], counts[channel] + count)))
+        counts[channel] += count
+    return groups
 
 
 def _inputs(one: Observation, channel: Channel, use: NDArray[np.bool_]) -> list[FloatArray]:
@@ -149,18 +199,18 @@ def _own(
     if not (np.isfinite(largest) and largest > 0.0):
         return []
     owned: dict[str, dict[Channel, int]] = {}
-    for (name, channel), size in rms.items():
-        if size <= NEGLIGIBLE * largest:
+    for (name, channel), own_size in rms.items():
+        if own_size <= NEGLIGIBLE * largest:
             continue
+        size = max(rms[name, other] for other in mine)  # one scale for a scalar: it is one number everywhere
         owned.setdefault(name, {})[channel] = counts[channel]
         counts[channel] += 1
         scales[channel].append(size)
         for index, use in rows[channel].items():
-            column = (
-                said[index][name][use, channel.axis] / size
-                if index in said
-                else np.zeros(np.count_nonzero(use))
-            )
+            column = np.zeros(np.count_nonzero(use))
+            if index in said:
+                column = said[index][name][use, channel.axis] / size
+                column -= column.mean()  # the bias of the run takes it anyway: well-conditioned so
             parts[channel][index].append(column)
     return [_block(number, effect, group, owned) for group in _sharing(owned)]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial
-from gap_diagnosis.design import INPUT_SCALE, Design, designed
+from gap_diagnosis.design import INPUT_SCALE, NUISANCES, Design, designed
 from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, slow_shape, white_noise_of_rows
 from gap_diagnosis.observation import Channel, NoiseBelief, Observation
 from gap_diagnosis.whitened import ChannelSystem, RecordingMoments, channel_system, moments
@@ -79,10 +79,20 @@ class Prepared:
 
 
 def prepare(
-    observations: Sequence[Observation], trials: Sequence[Trial], nulls: int, rng: np.random.Generator
+    observations: Sequence[Observation],
+    trials: Sequence[Trial],
+    nulls: int,
+    rng: np.random.Generator,
+    *,
+    cells: bool = True,
+    known_noise: Mapping[Channel, ChannelNoise] | None = None,
+    wanted: frozenset[Channel] | None = None,
 ) -> Prepared:
-    """Columns, noise and statistics. `nulls` simulated ones beside the data."""
-    design = designed(observations, trials)
+    """Columns, noise and statistics. `nulls` simulated ones beside the data.
+
+    `known_noise`: of an earlier preparation of the same observations; `wanted`: only these channels.
+    """
+    design = designed(observations, trials, cells=cells, wanted=wanted)
     longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
     noise: dict[Channel, ChannelNoise] = {}
     statistics: dict[Channel, dict[int, RecordingMoments]] = {}
@@ -91,19 +101,31 @@ def prepare(
             i: observations[i].outputs[channel.sensor].residual_si[rows, channel.axis]
             for i, rows in part.rows.items()
         }
-        noise[channel] = _noise_of(observations, channel, residuals, part.rows, longest_s, nulls, rng)
+        if known_noise is None:
+            quiet = {i: _recalibrated(residual, part.matrices[i]) for i, residual in residuals.items()}
+            noise[channel] = _noise_of(observations, channel, quiet, part.rows, longest_s, nulls, rng)
+        else:
+            noise[channel] = known_noise[channel]
         statistics[channel] = {
             i: moments(
                 part.matrices[i],
                 residual,
                 noise[channel].knots[i],
                 noise[channel].white_si[i],
-                noise[channel].null_levels / noise[channel].white_si[i],
+                noise[channel].null_levels[:nulls] / noise[channel].white_si[i],
                 rng,
             )
             for i, residual in residuals.items()
         }
     return Prepared(tuple(observations), design, noise, statistics)
+
+
+def _recalibrated(residual: FloatArray, matrix: FloatArray) -> FloatArray:
+    """What bias and matrix leave, by plain least squares: enough to see the white noise."""
+    nuisances = matrix[:, :NUISANCES]
+    gram = nuisances.T @ nuisances
+    gram[np.diag_indices_from(gram)] += 1e-9 * (1.0 + np.diag(gram))
+    return residual - nuisances @ np.linalg.solve(gram, nuisances.T @ residual)
 
 
 def _noise_of(

@@ -1,8 +1,8 @@
 # pyright: strict
 """Which effects explain the residual: every single one, then pairs and triples on top of the best.
 
-An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all subsets
-alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, π = 1 / effects.
+An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all
+subsets alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, π = 0.2 / effects.
 A set is built by adding effects to the best smaller ones, whose own columns are then projected out: each
 addition is a search for a single effect in what is left.
 """
@@ -26,6 +26,8 @@ from gap_diagnosis.observation import Channel
 from gap_diagnosis.whitened import ChannelSystem
 
 MAX_EFFECTS = 3
+EXPECTED_EFFECTS = 0.2
+"""Prior number of effects beyond those that are there already."""
 BEAM = 6
 """So many of the best sets of one size are added to."""
 WORTH_ADDING = -4.0
@@ -101,7 +103,7 @@ def scan(
     data_only: bool,
     without: frozenset[str] = frozenset(),
 ) -> Scan:
-    """ln B of every effect alone. `data_only`: more steps, column 0; else all columns with the steps of nulls."""
+    """ln B of every effect alone. `data_only`: column 0 and more steps; else all columns."""
     blocks = design.blocks
     chosen = [i for i, block in enumerate(blocks) if design.trials[block.trial].name not in without]
     columns, steps = (slice(0, 1), STEPS_OF_DATA) if data_only else (slice(None), STEPS_OF_NULLS)
@@ -144,7 +146,7 @@ def _cause(
 def projected(
     systems: Mapping[Channel, ChannelSystem], design: Design, cause: Cause
 ) -> dict[Channel, ChannelSystem]:
-    """The systems with a cause's columns summed over; those of a noise keep its levels in place of the believed."""
+    """The systems with a cause's columns summed over; a noise puts its levels in place of the believed."""
     changed = dict(systems)
     if cause.trial < 0:
         for channel in cause.channels:
@@ -242,7 +244,9 @@ def search(
             break
     names = len(single)
     sets = list(found.values())
-    score = np.array([one.log_bayes_factor - len(one.causes) * np.log(max(names, 1)) for one in sets])
+    score = np.array(
+        [one.log_bayes_factor - len(one.causes) * np.log(max(names, 1) / EXPECTED_EFFECTS) for one in sets]
+    )
     probability = np.exp(score - log_sum_exp(score, 0))
     order = np.argsort(-probability, kind="stable")
     return Search(tuple(sets[i] for i in order), probability[order], single, names)

@@ -1,0 +1,371 @@
+# pyright: strict
+"""From findings to the report's document: verdict, where, which, how far."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dut_emulator.effects.parameters import scalars
+from gap_diagnosis.attribution import Attribution
+from gap_diagnosis.fitting import FittedEffect, JointFit
+from gap_diagnosis.held_out import HeldOut, Shrinkage, shrinkage_of
+from gap_diagnosis.localisation import CellFinding, Localisation
+from gap_diagnosis.observation import Channel, TimingFinding
+from gap_diagnosis.prepared import Prepared
+from gap_diagnosis.regimes import variable_of
+from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
+from gap_diagnosis.search import Search
+
+SIGNIFICANT_P = 0.05
+REMAINDER_P = 0.01
+NAMED_PROBABILITY = 0.95
+CLOSED_SHARE = 0.8
+MAX_PLACES, MAX_NAMES = 24, 12
+FIELD: Mapping[str, tuple[str, float]] = {
+    "gyro": ("deg/s", math.pi / 180.0),
+    "acc": ("m/s^2", 1.0),
+    "mag": ("uT", 1e-6),
+    "temperature": ("degC", 1.0),
+    "gnss": ("m", 1.0),
+}
+WHITE_NAMES = {"gyro": "gyro.angle_random_walk", "acc": "acc.velocity_random_walk", "mag": "mag.white_noise"}
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that the steps found; see `diagnosis`."""
+
+    prepared: Prepared
+    located: Localisation
+    search: Search
+    attribution: Attribution
+    fit: JointFit | None
+    held: HeldOut | None
+    left: Localisation | None
+    timing: tuple[TimingFinding, ...]
+
+
+def report_of(found: Findings) -> GapReport:
+    """The report."""
+    noises = _noise_claims(found)
+    gap = found.located.p < SIGNIFICANT_P or bool(found.timing)
+    shrinkage = _shrinkage(found)
+    verdict, why = _verdict(found, gap, noises, shrinkage)
+    document: dict[str, Any] = {
+        "format": REPORT_FORMAT,
+        "verdict": verdict,
+        "where": _where(found) if gap else [],
+        "which": _which(found, noises) if gap else [],
+        "sets": _sets(found, noises) if gap else [{"effects": [], "probability": 1.0}],
+        "class_probability": found.attribution.class_probability if gap else None,
+        "shrinkage": _shrinkage_document(found, shrinkage) if gap else None,
+        "unattributed": {
+            "p": None if found.left is None else found.left.p,
+            "description": why,
+        },
+        "next_test": None,
+        "product": found.prepared.observations[0].product,
+        "not_used": _not_used(found),
+    }
+    heat = tuple(
+        HeatCell(c.channel.name, c.variable, c.low, c.high, c.unit, c.sigmas, c.p_adjusted)
+        for c in found.located.cells
+    )
+    effects = tuple(one.effect for one in found.fit.effects) if found.fit and verdict in _NAMED else ()
+    return GapReport(document, effects, heat, not_used=tuple(document["not_used"]))
+
+
+_NAMED = ("attributed", "confusable")
+
+
+def _verdict(
+    found: Findings, gap: bool, noises: Sequence[tuple[str, float]], shrinkage: Shrinkage | None
+) -> tuple[Verdict, str | None]:
+    """The verdict, and what remains in words where the data do not fit a set."""
+    if not gap:
+        return "no_gap", None
+    best = found.attribution.best
+    deterministic = [cause for cause in best.causes if cause.trial >= 0] if best is not None else []
+    probability = found.attribution.probability
+    if best is None or (found.search.sets and not found.search.sets[0].causes):
+        named = [name for name, _ in noises] + [finding.effect for finding in found.timing]
+        return ("attributed", None) if named else ("unattributed", _describe(found.located))
+    if found.left is not None and found.left.p < REMAINDER_P:
+        return "unattributed", _describe(found.left)
+    if found.held is not None:
+        idle = [cause.name for number, cause in enumerate(deterministic) if not found.held.gains(number)]
+        if idle:
+            return "unattributed", f"{', '.join(idle)} gains nothing on held-out data"
+    if (
+        shrinkage is not None
+        and shrinkage.fraction_closed < CLOSED_SHARE
+        and len(best.causes) == len(deterministic)
+    ):
+        share = 100.0 * shrinkage.fraction_closed
+        return "unattributed", f"the best set closes {share:.0f} % of the gap on held-out data"
+    if probability >= NAMED_PROBABILITY:
+        return "attributed", None
+    if found.attribution.class_probability >= NAMED_PROBABILITY:
+        return "confusable", None
+    return "unattributed", "no set of effects is likely enough"
+
+
+def _describe(located: Localisation) -> str:
+    cells = sorted(located.cells, key=lambda c: c.p_adjusted)[:1]
+    noises = sorted(located.noises, key=lambda n: n.p_adjusted)[:1]
+    if cells and (not noises or cells[0].p_adjusted <= noises[0].p_adjusted):
+        c = cells[0]
+        return (
+            f"most on {c.channel.name} where {c.variable} is {c.low:.4g} to {c.high:.4g} {c.unit} "
+            f"({c.sigmas:+.1f} sigma)"
+        )
+    if noises:
+        n = noises[0]
+        return f"{n.kind} noise of {n.channel.name} is {n.ratio:.2g} times what is believed"
+    return "no cell stands out"
+
+
+def _where(found: Findings) -> list[dict[str, Any]]:
+    """Significant cells; at least the strongest one, with the p of the whole."""
+    places: list[dict[str, Any]] = []
+    cells = sorted(found.located.cells, key=lambda c: (c.p_adjusted, -abs(c.sigmas)))
+    floor = 1.0 / (len(found.prepared.noise[next(iter(found.prepared.noise))].null_levels) + 1)
+    chosen = [c for c in cells if c.p_adjusted < SIGNIFICANT_P][:MAX_PLACES]
+    places += [_place(c, c.p_adjusted, c.p_adjusted < floor) for c in chosen]
+    for noise in sorted(found.located.noises, key=lambda n: n.p_adjusted):
+        if noise.p_adjusted < SIGNIFICANT_P:
+            unit, factor = FIELD[noise.channel.sensor]
+            white = next(iter(found.prepared.noise[noise.channel].white_si.values()))
+            excess = white * math.sqrt(abs(1.0 - 1.0 / noise.ratio**2)) / factor
+            places.append(
+                {
+                    "channel": noise.channel.name,
+                    "kind": "stochastic",
+                    "regime": None,
+                    "p_adjusted": noise.p_adjusted,
+                    "excess_rms": excess,
+                    "unit": unit,
+                    "fitted_tail": noise.p_adjusted < floor,
+                }
+            )
+    for finding in found.timing:
+        for sensor in finding.sensors or tuple({c.sensor for c in found.prepared.moments}):
+            for channel in (c for c in found.prepared.moments if c.sensor == sensor):
+                places.append(
+                    {
+                        "channel": channel.name,
+                        "kind": "timing",
+                        "regime": None,
+                        "p_adjusted": math.exp(-min(finding.log_likelihood_ratio, 600.0)),
+                        "excess_rms": 0.0,
+                        "unit": FIELD[channel.sensor][0],
+                        "fitted_tail": True,
+                    }
+                )
+    if not places and found.located.cells:
+        places.append(_strongest(found))
+    return places
+
+
+def _strongest(found: Findings) -> dict[str, Any]:
+    """A gap that the templates see and no single cell does: the cell where the likeliest effect shows most."""
+    best = found.attribution.best
+    channels = {c for cause in best.causes for c in cause.channels} if best is not None else set[Channel]()
+    variables = {variable_of(name) for name in best.names} if best is not None else set[str]()
+    fitting = [
+        c
+        for c in found.located.cells
+        if c.channel in channels and any(c.variable.startswith(v) for v in variables)
+    ]
+    cell = max(fitting or list(found.located.cells), key=lambda c: abs(c.sigmas))
+    return _place(cell, found.located.p, found.located.beyond_nulls)
+
+
+def _place(cell: CellFinding, p: float, tail: bool) -> dict[str, Any]:
+    unit, factor = FIELD[cell.channel.sensor]
+    return {
+        "channel": cell.channel.name,
+        "kind": "deterministic",
+        "regime": {"variable": cell.variable, "low": cell.low, "high": cell.high, "unit": cell.unit},
+        "p_adjusted": p,
+        "excess_rms": abs(cell.excess_si) / factor,
+        "unit": unit,
+        "fitted_tail": tail,
+    }
+
+
+def _noise_claims(found: Findings) -> list[tuple[str, float]]:
+    """Names of noises that are beyond belief by themselves, with a probability."""
+    claims: dict[str, float] = {}
+    for noise in found.located.noises:
+        if noise.kind == "white" and noise.p_adjusted < REMAINDER_P and noise.ratio > 1.0:
+            name = WHITE_NAMES[noise.channel.sensor]
+            claims[name] = max(claims.get(name, 0.0), 1.0 - noise.p_adjusted)
+    return sorted(claims.items(), key=lambda item: -item[1])
+
+
+def _which(found: Findings, noises: Sequence[tuple[str, float]]) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = []
+    fitted: dict[str, list[FittedEffect]] = {}
+    for one in found.fit.effects if found.fit is not None else ():
+        fitted.setdefault(one.name, []).append(one)
+    ranked = sorted(found.attribution.inclusion.items(), key=lambda item: -item[1])
+    for name, probability in ranked[:MAX_NAMES]:
+        confusable = list(found.attribution.confusable.get(name, ()))
+        if name in fitted:
+            entries += [_entry(one, min(probability, 1.0), confusable) for one in fitted[name]]
+        elif probability > 1e-4 or not entries:
+            cause = next((c for s in found.search.sets for c in s.causes if c.name == name), None)
+            channels = [c.name for c in cause.channels] if cause is not None else []
+            entries.append(
+                {
+                    "effect": name,
+                    "probability": min(probability, 1.0),
+                    "channels": channels,
+                    "parameters": _noise_parameters(found, name, cause.channels if cause else ()),
+                    "confusable_with": confusable,
+                    "sensor": cause.channels[0].sensor if cause is not None and cause.channels else None,
+                }
+            )
+    for name, probability in noises:
+        channels = [
+            n for n in found.located.noises if n.kind == "white" and WHITE_NAMES[n.channel.sensor] == name
+        ]
+        entries.append(
+            {
+                "effect": name,
+                "probability": probability,
+                "channels": [n.channel.name for n in channels],
+                "parameters": _white_parameters(found, [n.channel for n in channels]),
+                "confusable_with": [],
+                "sensor": channels[0].channel.sensor,
+            }
+        )
+    for finding in found.timing:
+        entries.append(
+            {
+                "effect": finding.effect,
+                "probability": 1.0 - math.exp(-min(finding.log_likelihood_ratio, 600.0)),
+                "channels": [c.name for c in found.prepared.moments if c.sensor in finding.sensors],
+                "parameters": {
+                    finding.parameter: {
+                        "value": finding.value,
+                        "standard_uncertainty": finding.standard_uncertainty,
+                        "unit": finding.unit,
+                    }
+                },
+                "confusable_with": [],
+                "sensor": finding.sensors[0] if finding.sensors else None,
+            }
+        )
+    return sorted(entries, key=lambda entry: -entry["probability"])
+
+
+def _entry(one: FittedEffect, probability: float, confusable: list[str]) -> dict[str, Any]:
+    held = {s.name: {"value": s.value, "unit": s.unit} for s in scalars(one.effect) if s.held}
+    return {
+        "effect": one.name,
+        "probability": probability,
+        "channels": [c.name for c in one.channels],
+        "parameters": {
+            p.name: {"value": p.value, "standard_uncertainty": p.standard_uncertainty, "unit": p.unit}
+            for p in one.parameters
+        },
+        "confusable_with": confusable,
+        "sensor": one.effect.sensor,
+        "axis": getattr(one.effect, "axis", None),
+        "held": held,
+    }
+
+
+def _noise_parameters(found: Findings, name: str, channels: Sequence[Channel]) -> dict[str, Any]:
+    if not name.endswith("bias_instability"):
+        return {}
+    parameters: dict[str, Any] = {}
+    for channel in channels:
+        noise = found.prepared.noise[channel]
+        ratio = next(
+            (n.ratio for n in found.located.noises if n.channel == channel and n.kind == "slow"), 1.0
+        )
+        level = float(noise.levels.level_si[noise.levels.believed // 2]) * ratio
+        unit = {"gyro": "rad/s", "acc": "m/s^2", "mag": "T"}.get(channel.sensor, "1")
+        parameters[f"standard_deviation_si_{channel.name[-1]}"] = {
+            "value": level,
+            "standard_uncertainty": 0.5 * level,
+            "unit": unit,
+        }
+    return parameters
+
+
+def _white_parameters(found: Findings, channels: Sequence[Channel]) -> dict[str, Any]:
+    parameters: dict[str, Any] = {}
+    for channel in channels:
+        noise = found.prepared.noise[channel]
+        if noise.belief.white_si_per_sqrt_hz is None or noise.log_white_ratio is None:
+            continue
+        value = noise.belief.white_si_per_sqrt_hz * math.exp(noise.log_white_ratio)
+        rows = sum(m.rows for m in found.prepared.moments[channel].values())
+        unit = {"gyro": "rad/sqrt(s)", "acc": "m/s/sqrt(s)"}.get(channel.sensor, "T per sqrt(Hz)")
+        parameters[f"density_si_per_sqrt_hz_{channel.name[-1]}"] = {
+            "value": value,
+            "standard_uncertainty": value / math.sqrt(max(rows, 1)),
+            "unit": unit,
+        }
+    return parameters
+
+
+def _sets(found: Findings, noises: Sequence[tuple[str, float]]) -> list[dict[str, Any]]:
+    """The most probable sets; what timing and white noise show by themselves is part of each."""
+    certain = [name for name, _ in noises] + [finding.effect for finding in found.timing]
+    sets = [
+        {"effects": sorted({*names, *certain}), "probability": min(p, 1.0)}
+        for names, p in found.attribution.sets
+    ]
+    return sorted(sets, key=lambda one: -float(one["probability"]))  # type: ignore[arg-type]
+
+
+def _shrinkage(found: Findings) -> Shrinkage | None:
+    if found.held is None or not found.held.folds or found.fit is None:
+        return None
+    unexplained = 0.0
+    return shrinkage_of(found.held, unexplained)
+
+
+def _shrinkage_document(found: Findings, shrinkage: Shrinkage | None) -> dict[str, Any] | None:
+    if shrinkage is None or found.held is None or found.fit is None:
+        return None
+    channels: dict[str, Any] = {}
+    closed = min(max(shrinkage.fraction_closed, 0.0), 1.0)
+    by_channel: dict[Channel, float] = {}
+    for one in found.fit.effects:
+        for channel, rms in one.rms_si.items():
+            by_channel[channel] = math.hypot(by_channel.get(channel, 0.0), rms)
+    for channel, rms in by_channel.items():
+        unit, factor = FIELD[channel.sensor]
+        channels[channel.name] = {
+            "before": rms / factor,
+            "after": rms * math.sqrt(1.0 - closed) / factor,
+            "unit": unit,
+        }
+    low, high = shrinkage.interval_95
+    return {
+        "held_out": [fold.label for fold in found.held.folds],
+        "before": shrinkage.before,
+        "after": max(shrinkage.after, 0.0),
+        "noise_floor": 1.0,
+        "unit": "1 (whitened rms)",
+        "fraction_closed": shrinkage.fraction_closed,
+        "ci95": [float(np.clip(low, -1e6, 1e6)), float(high)],
+        "channels": channels,
+    }
+
+
+def _not_used(found: Findings) -> list[str]:
+    return [
+        f"{one.recording_id}: {part.what}, {part.count} rows: {part.why}"
+        for one in found.prepared.observations
+        for part in one.set_aside
+    ]
