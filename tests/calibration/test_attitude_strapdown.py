@@ -167,7 +167,7 @@ def test_gates_keep_a_push_and_a_banked_turn_out_and_say_what_they_admit() -> No
     assert np.degrees(np.abs(run.roll_pitch_yaw_rad[:, :2])).max() < 0.25
 
 
-def flown(units: int, seed: int) -> tuple[np.ndarray, ...]:
+def flown(units: int, seed: int):
     """Units side by side on one way with a turn and a climb: true attitude, rates, forces, sources."""
     rng = np.random.default_rng(seed)
     period_s = 0.05
