@@ -19,6 +19,9 @@ PROFILE_WORDS = {
     "sweep": "sine sweep: gain, delay, lag, bandwidth",
     "tumble": "tumble in gravity: g-sensitivity, quadratic term of the accelerometers",
     "spin": "spin in a steady field: zeros, sensitivity ratio, orthogonality (paper 1)",
+    "swing": "swing against a turntable: lag, clock drift, attitude error without them (paper 2)",
+    "flight": "flight against a reference: roll and pitch errors by phase, 1 sigma (paper 2)",
+    "vehicle_run": "drive against a reference: roll and pitch errors by phase, 1 sigma (paper 2)",
 }
 
 

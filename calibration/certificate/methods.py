@@ -166,6 +166,36 @@ def _tumble(say: Say) -> MethodWords:
     )
 
 
+def _swing(say: Say) -> MethodWords:
+    return MethodWords(
+        say(
+            "swing on a turntable: lag of the angle in quadrature with it, cycle by cycle; the attitude's "
+            "error without it"
+        ),
+        say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, section 4.1"),
+        (
+            say(
+                "the source lays 2.6° to unsynchronised clocks: only a common trigger separates that from a "
+                "lag."
+            ),
+        ),
+    )
+
+
+def _attitude_error(say: Say) -> MethodWords:
+    return MethodWords(
+        say("flight or drive against a reference: root mean square of roll and pitch errors, phase by phase"),
+        say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, sections 3 and 4.2"),
+        (
+            say(
+                "gates are set on the norm and on V ω, with their noise; the printed norm gate admits 26° of "
+                "tilt."
+            ),
+            say("errors have a memory: intervals count independent samples, not all of them."),
+        ),
+    )
+
+
 _OF_MODELS = {("magnetometer", "spin"): _spin}
 _METHODS = {
     "imu_calibration": _imu_calibration,
@@ -184,4 +214,6 @@ _METHODS = {
     "rate_staircase": _rate_staircase,
     "frequency_response": _frequency_response,
     "tumble": _tumble,
+    "swing": _swing,
+    "attitude_error": _attitude_error,
 }

@@ -8,12 +8,15 @@ rate_staircase scale factor, linearity, asymmetry, geometry of gyros     (IEEE 9
 sweep          gain, delay, lag, bandwidth of gyros                      (IEEE 528)
 tumble         g-sensitivity of gyros, quadratic term of accelerometers  (IEEE 952, 1293)
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
+swing          lag and attitude error against a turntable                (paper 2)
+flight         errors of roll and pitch by phase, as vehicle_run          (paper 2)
 """
 
 # pyright: strict
 from collections.abc import Callable, Sequence
 
 from calibration.evaluations.eleven_point import evaluate_eleven_point
+from calibration.evaluations.flight import evaluate_flight
 from calibration.evaluations.impact import evaluate_impact
 from calibration.evaluations.method_evaluation import MethodEvaluation
 from calibration.evaluations.overload import evaluate_overload
@@ -21,6 +24,7 @@ from calibration.evaluations.rate_staircase import evaluate_rate_staircase
 from calibration.evaluations.spin import evaluate_spin
 from calibration.evaluations.static import evaluate_static
 from calibration.evaluations.sweep import evaluate_sweep
+from calibration.evaluations.swing import evaluate_swing
 from calibration.evaluations.tumble import evaluate_tumble
 from protocol.recordings import Recording
 
@@ -33,6 +37,9 @@ EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
     "sweep": evaluate_sweep,
     "tumble": evaluate_tumble,
     "spin": evaluate_spin,
+    "swing": evaluate_swing,
+    "flight": evaluate_flight,
+    "vehicle_run": evaluate_flight,
 }
 TOGETHER = frozenset({"overload", "rate_staircase", "static"})
 """Profiles of which one unit's recordings belong together."""
