@@ -6,6 +6,8 @@ rate in body axes for each pose, the integrated turn from the encoders for each 
 
 Entry points:
     calibrate_imu(poses, rotations)  -> ImuCalibration   coefficients, covariance, what was not used
+    calibrate_acc(poses), calibrate_gyro(poses, rotations) -> SensorCalibration    one triad alone
+    gyro_bias_at_rest(poses)         -> GyroBias         where nothing turned
     verify_imu(poses, rotations)     -> ImuResiduals     second look, on compensated output
 """
 
@@ -16,6 +18,7 @@ import numpy as np
 
 from calibration.algorithms.captures import (
     Rotation,
+    Run,
     StaticPose,
     acc_run_name,
     gyro_run_name,
@@ -24,9 +27,11 @@ from calibration.algorithms.captures import (
     place_in_time,
 )
 from calibration.algorithms.coefficients import FloatArray, Quantity, TriadCoefficients
+from calibration.algorithms.correlated_fit import Blocks, fit_correlated
 from calibration.algorithms.linear_triad import LinearFit, fit_linear_triad, fit_with_unknown_slow_noise
 from calibration.algorithms.noise_covariance import Observations, noise_hypotheses
 from calibration.algorithms.screening import NotUsed
+from calibration.evaluation import GyroBias
 from protocol.errors import CalibrationError, Fault
 
 __all__ = [
@@ -34,11 +39,18 @@ __all__ = [
     "ImuResiduals",
     "NotUsed",
     "Rotation",
+    "SensorCalibration",
     "SlowNoise",
     "StaticPose",
+    "calibrate_acc",
+    "calibrate_gyro",
     "calibrate_imu",
+    "gyro_bias_at_rest",
     "verify_imu",
 ]
+
+UNKNOWN_MATRIX = 5e-3
+"""Standard uncertainty of each element of M that no turn told."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +64,16 @@ class SlowNoise:
 
     standard_deviation: float
     correlation_time_s: float
+
+
+@dataclass(frozen=True)
+class SensorCalibration:
+    """One triad of a session. `residuals`, `noise`: as in `ImuCalibration`."""
+
+    coefficients: TriadCoefficients
+    residuals: dict[str, FloatArray]
+    noise: str
+    not_used: tuple[NotUsed, ...]
 
 
 @dataclass(frozen=True)
@@ -129,21 +151,61 @@ def calibrate_imu(
         CalibrationError: the geometry cannot carry the coefficients (the missing excitation is
             named), or too little usable data is left.
     """
-    not_used: list[NotUsed] = []
     placed = place_in_time(poses, rotations)
-    acc = observe(placed.acc_runs(), acc_range_m_s2, not_used)
-    acc_fit = _fit("acceleration", acc, acc_slow_noise)
-    gyro = observe(placed.gyro_runs(), gyro_range_rad_s, not_used)
-    gyro_fit = _fit("angular_rate", gyro, gyro_slow_noise)
+    acc = _of_sensor("acceleration", placed.acc_runs(), acc_range_m_s2, acc_slow_noise)
+    gyro = _of_sensor("angular_rate", placed.gyro_runs(), gyro_range_rad_s, gyro_slow_noise)
     return ImuCalibration(
-        gyro=gyro_fit.coefficients,
-        acc=acc_fit.coefficients,
-        gyro_residuals_rad_s=_residuals_by_run(gyro, gyro_fit),
-        acc_residuals_m_s2=_residuals_by_run(acc, acc_fit),
-        gyro_noise=f"{gyro_fit.likeliest} (posterior {gyro_fit.posterior:.2f})",
-        acc_noise=f"{acc_fit.likeliest} (posterior {acc_fit.posterior:.2f})",
-        not_used=tuple(not_used),
+        gyro=gyro.coefficients,
+        acc=acc.coefficients,
+        gyro_residuals_rad_s=gyro.residuals,
+        acc_residuals_m_s2=acc.residuals,
+        gyro_noise=gyro.noise,
+        acc_noise=acc.noise,
+        not_used=(*acc.not_used, *gyro.not_used),
     )
+
+
+def calibrate_acc(
+    poses: Sequence[StaticPose],
+    *,
+    range_m_s2: float | None = None,
+    slow_noise: SlowNoise | tuple[SlowNoise, ...] | None = None,
+) -> SensorCalibration:
+    """The accelerometers alone; arguments and errors as `calibrate_imu`."""
+    return _of_sensor("acceleration", place_in_time(poses, ()).acc_runs(), range_m_s2, slow_noise)
+
+
+def calibrate_gyro(
+    poses: Sequence[StaticPose],
+    rotations: Sequence[Rotation],
+    *,
+    range_rad_s: float | None = None,
+    slow_noise: SlowNoise | tuple[SlowNoise, ...] | None = None,
+) -> SensorCalibration:
+    """The gyros alone; arguments and errors as `calibrate_imu`."""
+    return _of_sensor("angular_rate", place_in_time(poses, rotations).gyro_runs(), range_rad_s, slow_noise)
+
+
+def gyro_bias_at_rest(
+    poses: Sequence[StaticPose],
+    *,
+    range_rad_s: float | None = None,
+    slow_noise: SlowNoise | tuple[SlowNoise, ...] | None = None,
+) -> tuple[GyroBias, tuple[NotUsed, ...]]:
+    """Mean output at rest less the Earth rate, M the identity to `UNKNOWN_MATRIX`; what was not used.
+
+    Raises:
+        CalibrationError: too little usable data is left.
+    """
+    not_used: list[NotUsed] = []
+    seen = observe(place_in_time(poses, ()).gyro_runs(), range_rad_s, not_used)
+    blocks = Blocks(seen.middle_s, seen.duration_s, seen.output - seen.true_input)
+    influences = np.repeat(seen.true_input[:, :, None], 3, axis=2) * UNKNOWN_MATRIX
+    ones = np.ones((len(seen.middle_s), 1))
+    known = _terms(slow_noise) or None
+    fit = fit_correlated(ones, blocks, ("bias",), "gyro bias at rest", known, systematic=influences)
+    found = GyroBias(fit.values[:, 0], fit.standard_uncertainty[:, 0], fit.degrees_of_freedom)
+    return found, tuple(not_used)
 
 
 def verify_imu(
@@ -193,6 +255,24 @@ def verify_imu(
     )
 
 
+def _of_sensor(
+    quantity: Quantity,
+    runs: Sequence[Run],
+    limit: float | None,
+    known: SlowNoise | tuple[SlowNoise, ...] | None,
+) -> SensorCalibration:
+    not_used: list[NotUsed] = []
+    seen = observe(runs, limit, not_used)
+    fit = _fit(quantity, seen, known)
+    noise = f"{fit.likeliest} (posterior {fit.posterior:.2f})"
+    return SensorCalibration(fit.coefficients, _residuals_by_run(seen, fit), noise, tuple(not_used))
+
+
+def _terms(known: SlowNoise | tuple[SlowNoise, ...] | None) -> tuple[tuple[float, float], ...]:
+    terms = (known,) if isinstance(known, SlowNoise) else known or ()
+    return tuple((term.standard_deviation, term.correlation_time_s) for term in terms)
+
+
 def _fit(
     quantity: Quantity, observations: Observations, known: SlowNoise | tuple[SlowNoise, ...] | None
 ) -> LinearFit:
@@ -204,10 +284,9 @@ def _fit(
             fault=Fault.DATA,
             remedy="look at what was not used and why, and record the session again.",
         )
-    terms = (known,) if isinstance(known, SlowNoise) else known or ()
-    if not terms:
+    slow = _terms(known)
+    if not slow:
         return fit_with_unknown_slow_noise(quantity, observations, where)
-    slow = tuple((term.standard_deviation, term.correlation_time_s) for term in terms)
     return fit_linear_triad(quantity, observations, noise_hypotheses(observations, slow, True), where)
 
 

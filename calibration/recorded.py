@@ -1,6 +1,7 @@
 """From recordings to coefficients: which method their profiles and streams allow, and its result.
 
 test.segments in the recording                → session on a stand (`imu_session`)
+profiles multi_position and rotation, with a stand stream → the same, from the stand's rates and angles
 profiles ferraris_x_p … ferraris_z_rot        → Ferraris session in parts
 profile ferraris_session with sections.csv    → Ferraris session in one recording
 accelerometer with rests in many attitudes    → multi-position, poses unknown
@@ -28,7 +29,8 @@ from calibration.many_positions import evaluate_positions
 from calibration.rest_segments import named_sections
 from calibration.sensor_knowledge import axes, sensor_range
 from calibration.site_gravity import gravity
-from calibration.stand_recordings import evaluate_stand_session
+from calibration.stand_captures import has_stand_truth
+from calibration.stand_recordings import evaluate_stand_profiles, evaluate_stand_session
 from protocol.errors import CalibrationError, Fault
 from protocol.language import say
 from protocol.recordings import Recording, Stream
@@ -67,6 +69,11 @@ def together(sources: Sequence[AnySource]) -> tuple[tuple[AnySource, ...], ...]:
             key = ("profile", source.profile, str(unit.get("product")), str(unit.get("serial")))
             groups.setdefault(key, []).append(source)
             continue
+        if has_stand_truth(source.recording) and not source.recording.test.get("segments"):
+            mount = str(source.recording.test.get("mount"))
+            key = ("stand", mount, str(unit.get("product")), str(unit.get("serial")))
+            groups.setdefault(key, []).append(source)
+            continue
         if _ferraris_part(source) is None:
             groups[("alone", str(index))] = [source]
             continue
@@ -90,6 +97,8 @@ def evaluate(group: Sequence[Source]) -> Evaluation:
     first = group[0]
     if _ferraris_part(first) is not None:
         return _ferraris_in_parts(group)
+    if has_stand_truth(first.recording) and not first.recording.test.get("segments"):
+        return evaluate_stand_profiles([source.recording for source in group])
     if len(group) != 1:
         raise _refused("These recordings do not belong to one evaluation.", group, "evaluate them one by one")
     if first.recording.test.get("segments"):

@@ -35,7 +35,7 @@ def between_runs(recordings: Sequence[Recording]) -> BetweenRuns:
     spans: list[tuple[float, float]] = []
     switched_on: list[float] = []
     for recording in recordings:
-        begin_s = _started_s(recording)
+        begin_s = started_s(recording)
         if begin_s is None:
             return BetweenRuns(None, say("the recordings do not state test.started_at"))
         time_s = recording.stream("dut").time_s()
@@ -110,7 +110,8 @@ def _summed(notes: Sequence[NotUsed]) -> tuple[NotUsed, ...]:
     return tuple(NotUsed(what, count, why) for (what, why), count in counts.items())
 
 
-def _started_s(recording: Recording) -> float | None:
+def started_s(recording: Recording) -> float | None:
+    """When it began, s since 1970; None where it does not say so."""
     try:
         return datetime.fromisoformat(str(recording.test.get("started_at", ""))).timestamp()
     except ValueError:
