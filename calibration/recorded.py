@@ -23,7 +23,7 @@ from calibration.algorithms.ferraris import (
     calibrate_ferraris,
 )
 from calibration.evaluation import Evaluation, Residual
-from calibration.evaluations.by_profile import TOGETHER, has_method
+from calibration.evaluations.by_profile import COMPANIONS, TOGETHER, has_method
 from calibration.imu_session import NotUsed
 from calibration.many_positions import evaluate_positions
 from calibration.rest_segments import named_sections
@@ -60,10 +60,19 @@ AnySource = TypeVar("AnySource", bound=Source)
 def together(sources: Sequence[AnySource]) -> tuple[tuple[AnySource, ...], ...]:
     """Recordings that are evaluated together; others alone.
 
-    These are the parts of one unit's Ferraris run, and one unit's runs of a profile in `TOGETHER`.
+    These are the parts of one unit's Ferraris run, and one unit's runs of a profile in `TOGETHER` with
+    their companions after them.
     """
     groups: dict[tuple[str, ...], list[AnySource]] = {}
-    for index, source in enumerate(sources):
+    companions = {
+        (companion, *_unit_key(source)): ("profile", source.profile, *_unit_key(source))
+        for source in sources
+        for companion in COMPANIONS.get(source.profile, ())
+        if has_method(source.recording)
+    }
+    taken_along = [source for source in sources if (source.profile, *_unit_key(source)) in companions]
+    others = [source for source in sources if (source.profile, *_unit_key(source)) not in companions]
+    for index, source in enumerate(others):
         unit = source.recording.unit
         if source.profile in TOGETHER and has_method(source.recording):
             key = ("profile", source.profile, str(unit.get("product")), str(unit.get("serial")))
@@ -85,7 +94,14 @@ def together(sources: Sequence[AnySource]) -> tuple[tuple[AnySource, ...], ...]:
             str(test.get("mount")),
         )
         groups.setdefault(key, []).append(source)
+    for source in taken_along:
+        groups[companions[source.profile, *_unit_key(source)]].append(source)
     return tuple(tuple(group) for group in groups.values())
+
+
+def _unit_key(source: Source) -> tuple[str, str]:
+    unit = source.recording.unit
+    return str(unit.get("product")), str(unit.get("serial"))
 
 
 def evaluate(group: Sequence[Source]) -> Evaluation:

@@ -9,6 +9,8 @@ import re
 from collections.abc import Iterable
 
 from calibration.algorithms.temperature_compensation import NODE_MARGIN_C, TemperatureModel
+from calibration.records.record import LINEAR_TRIAD_TEMPERATURE, CalibrationRecord
+from calibration.records.temperature_contents import model_of_record
 from protocol.errors import CalibrationError, Fault
 
 IDENTIFIER = re.compile(r"[a-z][a-z0-9_]{0,31}")
@@ -40,6 +42,23 @@ static inline int {name}_compensate(const float n[3], float temperature_c, float
     return within;
 }}
 """
+
+
+def header_of_record(record: CalibrationRecord, name: str) -> str:
+    """The header of a record of method `temperature_compensation`.
+
+    Raises:
+        CalibrationError: a record of another method, a table that is not whole, or as `firmware_header`.
+    """
+    if record.model.name != LINEAR_TRIAD_TEMPERATURE:
+        raise CalibrationError(
+            f"A record of the method '{record.method}' holds no temperature table.",
+            where=f"record {record.title}",
+            fault=Fault.OPERATOR,
+            remedy="take a record of the method temperature_compensation.",
+        )
+    origin = f"Unit {record.serial}, {record.sensor}, record {record.sha256()[:12]}."
+    return firmware_header(model_of_record(record), name, origin)
 
 
 def firmware_header(model: TemperatureModel, name: str, origin: str) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.help_pages import Command
+from cli.temperature_header_command import header
 from protocol.language import say
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def add_record_commands(app: typer.Typer) -> None:
         ("show", show, say("Show a calibration record: values, uncertainties, where it comes from.")),
         ("compare", compare, say("Compare two calibration records: which quantities differ.")),
         ("history", history, say("Follow a unit's calibration records over time: drift, outliers.")),
+        ("header", header, say("Write a temperature record as a C header for the unit's firmware.")),
     ):
         app.command(name, cls=Command, help=words)(command)
 

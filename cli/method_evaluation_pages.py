@@ -18,6 +18,8 @@ PROFILE_WORDS = {
     "rate_staircase": "staircase of rates: scale factor, linearity, asymmetry, geometry, repeatability",
     "sweep": "sine sweep: gain, delay, lag, bandwidth",
     "tumble": "tumble in gravity: g-sensitivity, quadratic term of the accelerometers",
+    "thermal_positions": "soaks on a thermal turntable over the matrix of room temperature (paper 2)",
+    "temperature_ramp": "ramps of temperature both ways: bias, hysteresis, what follows dT/dt (IEEE 952)",
     "spin": "spin in a steady field: zeros, sensitivity ratio, orthogonality (paper 1)",
     "swing": "swing against a turntable: lag, clock drift, attitude error without them (paper 2)",
     "flight": "flight against a reference: roll and pitch errors by phase, 1 sigma (paper 2)",

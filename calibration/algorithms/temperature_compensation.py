@@ -280,7 +280,7 @@ def _fit(
     *,
     anchored: bool,
 ) -> TemperatureModel:
-    nodes = _nodes(readings.temperature_c, room_temperature_c, step_c)
+    nodes = whole_nodes(readings.temperature_c, room_temperature_c, step_c)
     inside = (readings.temperature_c >= nodes[0] - NODE_MARGIN_C) & (
         readings.temperature_c <= nodes[-1] + NODE_MARGIN_C
     )
@@ -326,7 +326,7 @@ def _fit(
     )
 
 
-def _nodes(temperature_c: FloatArray, room_temperature_c: float, step_c: float) -> FloatArray:
+def whole_nodes(temperature_c: FloatArray, room_temperature_c: float, step_c: float) -> FloatArray:
     """Whole steps from room temperature that the readings reach, to a margin."""
     first = math.ceil((float(temperature_c.min()) - NODE_MARGIN_C - room_temperature_c) / step_c)
     last = math.floor((float(temperature_c.max()) + NODE_MARGIN_C - room_temperature_c) / step_c)

@@ -45,8 +45,10 @@ RESULT_DIGITS = 5
 READING_DIGITS = 7
 MOST_ROWS_ON_A_CERTIFICATE = 40
 """A longer table is drawn on the certificate and printed in the original record."""
-RAW_TABLES = ("reading", "residual", "sample")
+RAW_TABLES = ("reading", "residual", "sample", "correlation")
 """Stems of tables that belong into the original record."""
+CORRELATIONS = "correlation"
+"""Stem of tables that are not drawn."""
 
 
 def certificate(record: CalibrationRecord, details: CertificateDetails, language: str) -> Document:
@@ -264,6 +266,8 @@ def _tables_with_figures(
         if not raw and len(table.columns[0].values) <= MOST_ROWS_ON_A_CERTIFICATE:
             blocks += table_grids(table, RESULT_DIGITS, say, language)
         title = capital(quantity_words(table.name, say))
+        if CORRELATIONS in table.name:
+            continue  # numbers for programs: no curve
         for part, drawn in enumerate(table_figures(table, say), start=1):
             name = f"table-{number}-{part}.svg"
             pictures[name] = drawn

@@ -102,6 +102,14 @@ def _temperature(say: Say) -> MethodWords:
     )
 
 
+def _temperature_ramp(say: Say) -> MethodWords:
+    return MethodWords(
+        say("at rest while the temperature ramps down and up: bias, hysteresis, what follows dT/dt"),
+        say("IEEE Std 952-1997, 12.12; IEEE Std 528-2019 (hysteresis)"),
+        (say("bias per rate of temperature and hysteresis are told apart where the soaks begin."),),
+    )
+
+
 def _magnetometer(say: Say) -> MethodWords:
     return MethodWords(
         say("turned all ways in one magnetic field: hard and soft iron from the ellipsoid of the readings"),
@@ -206,6 +214,7 @@ _METHODS = {
     "sinusoidal_overload": _sinusoidal_overload,
     "temperature": _temperature,
     "temperature_compensation": _temperature,
+    "temperature_ramp": _temperature_ramp,
     "magnetometer": _magnetometer,
     "allan": _allan,
     "allan_variance": _allan,

@@ -7,6 +7,8 @@ static         noise coefficients, bias, bias stability, repeatability   (IEEE 9
 rate_staircase scale factor, linearity, asymmetry, geometry of gyros     (IEEE 952)
 sweep          gain, delay, lag, bandwidth of gyros                      (IEEE 528)
 tumble         g-sensitivity of gyros, quadratic term of accelerometers  (IEEE 952, 1293)
+thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 2)
+temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
 swing          lag and attitude error against a turntable                (paper 2)
 flight         errors of roll and pitch by phase, as vehicle_run          (paper 2)
@@ -21,10 +23,13 @@ from calibration.evaluations.impact import evaluate_impact
 from calibration.evaluations.method_evaluation import MethodEvaluation
 from calibration.evaluations.overload import evaluate_overload
 from calibration.evaluations.rate_staircase import evaluate_rate_staircase
+from calibration.evaluations.room_matrix import ROOM_PROFILES
 from calibration.evaluations.spin import evaluate_spin
 from calibration.evaluations.static import evaluate_static
 from calibration.evaluations.sweep import evaluate_sweep
 from calibration.evaluations.swing import evaluate_swing
+from calibration.evaluations.temperature_ramp import evaluate_temperature_ramp
+from calibration.evaluations.thermal_positions import evaluate_thermal_positions
 from calibration.evaluations.tumble import evaluate_tumble
 from protocol.recordings import Recording
 
@@ -37,12 +42,16 @@ EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
     "sweep": evaluate_sweep,
     "tumble": evaluate_tumble,
     "spin": evaluate_spin,
+    "thermal_positions": evaluate_thermal_positions,
+    "temperature_ramp": evaluate_temperature_ramp,
     "swing": evaluate_swing,
     "flight": evaluate_flight,
     "vehicle_run": evaluate_flight,
 }
-TOGETHER = frozenset({"overload", "rate_staircase", "static"})
+TOGETHER = frozenset({"overload", "rate_staircase", "static", "thermal_positions"})
 """Profiles of which one unit's recordings belong together."""
+COMPANIONS: dict[str, tuple[str, ...]] = {"thermal_positions": ROOM_PROFILES}
+"""Profiles of the same unit that an evaluation takes along where both are named."""
 
 
 def has_method(recording: Recording) -> bool:
@@ -57,6 +66,8 @@ def profile_of(recording: Recording) -> str:
 
 def evaluate_by_profile(recordings: Sequence[Recording]) -> MethodEvaluation:
     """Recordings of one unit and one profile, more than one only of those in `TOGETHER`.
+
+    Those of `COMPANIONS` come last.
 
     Raises:
         CalibrationError: what is missing or cannot be used is named, with a remedy.

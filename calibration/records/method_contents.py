@@ -6,12 +6,10 @@ standard uncertainties and stand as rows in the budgets.
 """
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
 from calibration.algorithms.allan_coefficients import AllanFit
-from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.magnetometer import UPPER, MagnetometerCoefficients
 from calibration.algorithms.overload_g_sensitivity import GSensitivity
 from calibration.algorithms.pure_lag import PureLag
@@ -19,18 +17,16 @@ from calibration.algorithms.rate_gyro import FittedLine, LineMethod, RateGyroRes
 from calibration.algorithms.rate_gyro_uncertainty import Multimeter, linearity_budget
 from calibration.algorithms.rate_table_readings import RateTable, StrokeReadings
 from calibration.algorithms.sinusoidal_overload import OverloadResult
-from calibration.algorithms.temperature_compensation import POWER_WORDS, TemperatureModel
 from calibration.algorithms.uncertainty_budget import BudgetRow, UncertaintyBudget
 from calibration.records.content_parts import limited, quantity, record_table
-from calibration.records.making import RecordContent, covariance_block, triad_quantities
-from calibration.records.record import COVERAGE_PROBABILITY, LINEAR_TRIAD_TEMPERATURE
+from calibration.records.making import RecordContent, covariance_block
+from calibration.records.record import COVERAGE_PROBABILITY
 from calibration.records.record_parts import (
     CalibratedQuantity,
     Interval,
     Model,
     RecordedBudget,
     RecordedBudgetRow,
-    TemperatureSpan,
 )
 
 SLOPE_UNIT = "V/(rad/s)"
@@ -150,6 +146,7 @@ def _line_budgets(
         "V",
         (
             BudgetRow("scatter about the line", bias, "V", scatter, "t", 1.0, freedom),
+            BudgetRow("wander from stroke to stroke", 0.0, "V", line.wander_v, "normal", 1.0),
             BudgetRow(
                 "meter, part of its range", 0.0, "V", meter.range_part * meter.range_v / root3, "uniform", 1.0
             ),
@@ -290,36 +287,6 @@ def magnetometer_content(found: MagnetometerCoefficients, unit: str, field_unit:
         assumptions=(
             f"{found.outliers} of {found.sample_count} samples lie off the ellipsoid and were left out",
         ),
-    )
-
-
-def temperature_content(model: TemperatureModel) -> RecordContent:
-    """Paper 2: the frozen coefficients of room temperature, and a table of a, b, c at the nodes."""
-    quantities, covariance = triad_quantities(model.room)
-    unit = model.room.unit
-    nodes = len(model.node_c)
-    uncertainty = np.sqrt(np.einsum("akk->ak", model.covariance)).reshape(3, nodes, 3)
-    units = (f"1/({unit})", "1", unit)
-
-    def columns() -> Iterator[tuple[str, str, FloatArray]]:
-        yield "temperature", "degC", model.node_c
-        for axis, letter in enumerate("xyz"):
-            for power, word in enumerate(POWER_WORDS):
-                yield f"{word}_{letter}", units[power], model.coefficients[:, axis, power]
-                yield f"u_{word}_{letter}", units[power], uncertainty[axis, :, power]
-
-    low, high = model.calibrated_range_c
-    return RecordContent(
-        method="temperature_compensation",
-        model=Model(
-            name=LINEAR_TRIAD_TEMPERATURE,
-            equation="u = inv(M) (y - sigma(y, T) - b); sigma = square y^2 + slope y + constant, "
-            "straight between nodes",
-        ),
-        quantities=quantities,
-        covariance=covariance,
-        tables=(record_table("nodes", *columns()),),
-        valid_temperature=TemperatureSpan(low_c=low, high_c=high),
     )
 
 

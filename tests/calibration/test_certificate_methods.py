@@ -28,10 +28,10 @@ from calibration.records.method_contents import (
     overload_content,
     pure_lag_content,
     rate_gyro_content,
-    temperature_content,
 )
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CodeVersion, SourceRecording
+from calibration.records.temperature_contents import temperature_content
 from protocol.recordings import Recording
 from protocol.units_of_measure import KNOWN_UNITS
 from tests.calibration.test_magnetometer import _turned

@@ -26,10 +26,10 @@ from calibration.records.method_contents import (
     overload_content,
     pure_lag_content,
     rate_gyro_content,
-    temperature_content,
 )
 from calibration.records.record import CalibrationRecord, parse_record
 from calibration.records.record_parts import CodeVersion, SourceRecording, TemperatureSpan
+from calibration.records.temperature_contents import temperature_content
 from protocol.errors import CalibrationError
 from protocol.recordings import Recording, Stream
 from tests.calibration.test_magnetometer import COMPENSATION, HARD_IRON, _turned
@@ -128,7 +128,8 @@ def test_a_magnetometers_iron() -> None:
 def test_paper_2s_nodes() -> None:
     content = temperature_content(fit_temperature(run(POSES, NODES), ROOM, ROOM_C))
     record = recorded(content, "acc")
-    table = {column.name: column for column in record.tables[0].columns}
+    (nodes,) = (table for table in record.tables if table.name == "nodes")
+    table = {column.name: column for column in nodes.columns}
     assert table["temperature"].values == tuple(NODES)
     at_hot = [table[f"{word}_x"].values[-1] for word in ("square", "slope", "constant")]
     np.testing.assert_allclose(np.array(at_hot) * [G, 1, 1 / G], VECTORS["coef_abc_fit_on_N"][0], atol=6e-10)
