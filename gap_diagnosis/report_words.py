@@ -94,10 +94,9 @@ VARIABLES = {
     "time_since_power_on": "time since power-on",
     "time": "time",
     "averaging_time": "averaging time",
-    "octave": "averaging time",
     "field": "magnetic field",
     "supply": "supply",
-    "angle": "stand angle",
+    "table_angle": "stand angle",
 }
 
 
@@ -121,8 +120,13 @@ def channel_words(channel: str) -> str:
 
 
 def variable_words(variable: str) -> str:
-    """A regime's variable; the map's own name where it is none of ours."""
-    return say(VARIABLES[variable]) if variable in VARIABLES else variable.replace("_", " ")
+    """'rate x' for 'rate_x'; a variable that is none of ours as it is named."""
+    for known, words in VARIABLES.items():
+        if variable == known:
+            return say(words)
+        if variable.startswith(f"{known}_") and variable not in VARIABLES:
+            return f"{say(words)} {variable.removeprefix(f'{known}_')}"
+    return variable.replace("_", " ")
 
 
 def regime_words(place: GapPlace) -> str:

@@ -1,5 +1,6 @@
 """Gap reports of all four verdicts, as a diagnosis would hand them back; the figures are made up."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -154,8 +155,7 @@ def report(verdict: str) -> GapReport:
             ("specific_force", "g", (-1.0, -0.5, 0.0, 0.5, 1.0)),
         )
         for low, high, sigmas in (
-            (a, b, gain * abs(a + b) * 9 / (abs(edges[0]) + 50) + 0.8)
-            for a, b in zip(edges[:-1], edges[1:], strict=True)
+            (a, b, gain * abs(a + b) * 9 / (abs(edges[0]) + 50) + 0.8) for a, b in itertools.pairwise(edges)
         )
     )
     series = tuple(
