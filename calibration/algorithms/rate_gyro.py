@@ -49,6 +49,8 @@ class FittedLine:
         residual_v: y_i - Y_0 - K R_i, shape (n,).
         weights: W, shape (2, n). That of the minimax line holds while its three points stay the same.
         scatter_v: s, standard deviation of the means about the least-squares line.
+        wander_v: standard uncertainty of Y_0 beside `covariance`, from how far whole strokes lie apart: a
+            bias that wanders moves a stroke's readings alike. What stays off in the whole run is in neither.
     """
 
     method: LineMethod
@@ -58,6 +60,7 @@ class FittedLine:
     residual_v: FloatArray
     weights: FloatArray
     scatter_v: float
+    wander_v: float = 0.0
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -179,7 +182,17 @@ def fit_line(readings: StrokeReadings, method: LineMethod = "least_squares") -> 
         residual_v=mean - design(rate) @ (weights @ mean),
         weights=weights,
         scatter_v=scatter,
+        wander_v=_wander_v(readings),
     )
+
+
+def _wander_v(readings: StrokeReadings) -> float:
+    """Of the mean over all strokes: how strokes scatter beyond what their single readings make."""
+    offsets = [stroke.mean(axis=1) - stroke.mean() for stroke in (readings.up_v, readings.down_v)]
+    cycles, points = readings.up_v.shape
+    of_stroke = float(sum((offset**2).sum() for offset in offsets)) / (2 * (cycles - 1))
+    by_readings = readings.repeatability_v**2 / points
+    return math.sqrt(max(of_stroke - by_readings, 0.0) / (2 * cycles))
 
 
 @dataclass(frozen=True)
