@@ -4,6 +4,7 @@ The virtual and the real driver pass the same conformance tests. All times are t
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -62,8 +63,34 @@ class SocketBoard(Protocol):
     def unit_present(self) -> bool: ...
 
 
+EMULATED_MAKER = "Testloom"
+"""First word of an emulated stand's `*IDN?`: no maker of hardware is called so."""
+
+
+@dataclass(frozen=True)
+class StandFacts:
+    """Which stand, as its controller says.
+
+    Attributes:
+        identification: answer to `*IDN?`: maker, model, serial number, version.
+        calibration_due: ISO date until which its own calibration holds.
+        stand_id, kind: as the bench's description has them.
+        emulated: no hardware is behind it.
+    """
+
+    stand_id: str
+    kind: str
+    identification: str
+    calibration_due: str
+    emulated: bool
+
+
 class ThreeAxisTurntable(Protocol):
     """Gimbal angles outer (about the vertical), middle, inner, in deg at the controller's own interface."""
+
+    def facts(self) -> StandFacts:
+        """Which stand it is and until when it is calibrated."""
+        ...
 
     def home(self) -> None: ...
 

@@ -62,7 +62,11 @@ class SocketBench:
         board = self.resources.board
         self._board = None if board is None else ScpiSession(board, f"socket board {socket}")
         stand = description.stand
-        self._stand = TurntableSession(stand) if stand and stand.kind == "three_axis_turntable" else None
+        self._stand = (
+            TurntableSession(stand, emulated=description.control is not None)
+            if stand and stand.kind == "three_axis_turntable"
+            else None
+        )
         self._handler_channel = (
             None
             if description.control is None

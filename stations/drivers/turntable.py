@@ -4,6 +4,7 @@ import contextlib
 import socket
 import threading
 from collections.abc import Sequence
+from datetime import date
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from protocol.bench_description import StandResources
 from protocol.errors import Fault, LinkError, LinkTimeoutError
+from protocol.instruments import EMULATED_MAKER, StandFacts
 from protocol.stand_stream import STAND_SAMPLE_DTYPE
 from stations.drivers.clock import BranchClock
 from stations.drivers.serial_port import read_available
@@ -39,10 +41,13 @@ class StandStatus:
 
 
 class TurntableSession:
-    """The connection to a stand's controller, kept between sequences. Any thread may use it."""
+    """The connection to a stand's controller, kept between sequences. Any thread may use it.
 
-    def __init__(self, stand: StandResources) -> None:
-        self.stand = stand
+    `emulated`: its bench is an emulated one.
+    """
+
+    def __init__(self, stand: StandResources, *, emulated: bool) -> None:
+        self.stand, self.emulated = stand, emulated
         self._lock = threading.Lock()
         self._socket: socket.socket | None = None
 
@@ -121,6 +126,18 @@ class LineTurntable:
         self._port = stream_port
         self._clock = clock
         self._received = bytearray()
+
+    def facts(self) -> StandFacts:
+        """Which stand it is and until when it is calibrated. Raises LinkError."""
+        identification, due = self._session.ask("*IDN?"), self._session.ask("CAL?")
+        try:
+            date.fromisoformat(due)
+        except ValueError:
+            raise self._fault(f"The stand answered '{due}' instead of the date of its calibration") from None
+        stand = self._session.stand
+        maker = identification.partition(",")[0].strip()
+        emulated = self._session.emulated or maker == EMULATED_MAKER
+        return StandFacts(stand.stand_id, stand.kind, identification, due, emulated)
 
     def home(self) -> None:
         """Find the reference; returns when it is found. Raises LinkError."""

@@ -22,6 +22,7 @@ from protocol.gnc_module import (
     GYRO_TURN_ON_REPEATABILITY_DEG_H,
     TEMPERATURE_LSB_C,
 )
+from protocol.instruments import StandFacts
 from protocol.recordings import Recording, Stream
 from protocol.units_of_measure import STANDARD_GRAVITY_M_S2
 from stations.imu_stand.alignment import ClockAlignment, align, turn_centroid_s
@@ -131,7 +132,12 @@ def build_session(captures: Sequence[Capture], site: Site) -> StandSession:
 
 
 def session_recording(
-    session: StandSession, recording_id: str, unit: UnitIdentity, site: Site, test: Mapping[str, Any]
+    session: StandSession,
+    recording_id: str,
+    unit: UnitIdentity,
+    stand: StandFacts,
+    site: Site,
+    test: Mapping[str, Any],
 ) -> Recording:
     """The session as a recording. The unit's own time stamps are kept beside the aligned time.
 
@@ -139,6 +145,7 @@ def session_recording(
         session: with at least one capture.
         recording_id: names it.
         unit: whose.
+        stand: that it was on; a certificate names it, its date, and that it was emulated.
         site: where.
         test: profile, run, mount, started_at …; segments and alignment are added.
     """
@@ -158,7 +165,7 @@ def session_recording(
             },
         },
         streams={"dut": _dut_stream(session), "stand": _stand_stream(session)},
-        stand={"kind": "three_axis_turntable"},
+        stand=_stand_mapping(stand),
         site=site.model_dump(),
         believed={
             "gyro": {
@@ -171,6 +178,16 @@ def session_recording(
             },
         },
     )
+
+
+def _stand_mapping(stand: StandFacts) -> dict[str, Any]:
+    return {
+        "id": stand.stand_id,
+        "kind": stand.kind,
+        "identification": stand.identification,
+        "calibration_due": stand.calibration_due,
+        **({"emulated": True} if stand.emulated else {}),
+    }
 
 
 def _slow_noise(instability: float, turn_on: float, unit: str) -> dict[str, Any]:

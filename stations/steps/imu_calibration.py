@@ -209,6 +209,7 @@ def _kept(ctx: StepContext, session: StandSession, profile: str) -> Recording:
         session,
         f"{lease.unit.serial}-{profile}-{lease.fence}",
         lease.unit,
+        stand_of(ctx).facts(),
         ctx.site,
         {
             "profile": profile,

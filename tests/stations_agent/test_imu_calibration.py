@@ -3,8 +3,10 @@
 import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, date, datetime
 from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,16 +14,21 @@ import pytest
 
 from calibration.algorithms.coefficients import TriadCoefficients
 from calibration.recorded import Source, evaluate
+from calibration.records.making import Origin, records_of
+from calibration.records.record_parts import CodeVersion, SourceRecording
 from dut_emulator.products.gnc_module.population import draw_unit
 from dut_emulator.products.gnc_module.unit_truth import Category, TriadTruth, UnitTruth
 from dut_emulator.stands.three_axis_turntable import ROOM_TEMPERATURE_C
 from protocol.adapters.mcap_form import read_mcap
 from protocol.bench_control import Inject
-from protocol.errors import Fault, RecordingError
+from protocol.bench_description import StandResources
+from protocol.errors import Fault, LinkError, RecordingError
+from protocol.instruments import StandFacts
 from protocol.measurements import Measurement
 from protocol.outcomes import Outcome
 from protocol.recordings import Recording
 from stations.drivers.control_channel import ControlChannel
+from stations.drivers.turntable import LineTurntable
 from stations.recording_store import keep_recording
 from stations.sequencing.runner import SequenceResult
 from stations.sequencing.step_registry import bundled_plans
@@ -97,6 +104,39 @@ def test_the_file_alone_gives_the_same_coefficients_and_they_are_the_truth(
     # the unit's crystal, seen through the turns
     skew = recording.test["time_alignment"]["skew"]
     assert skew == pytest.approx(-truth.crystal_error, abs=1e-6)
+
+
+def test_a_record_of_it_names_the_stand_and_says_that_it_was_emulated(
+    turntable: Any, healthy: tuple[UnitTruth, SequenceResult]
+) -> None:
+    """No certificate of an emulated unit may be taken for a real one's."""
+    recording = read_mcap(Path(healthy[1].recordings[0].path))
+    origin = Origin(
+        (SourceRecording(recording_id="r-1", sha256="a" * 64, form="mcap"),),
+        CodeVersion(package="testloom 0"),
+        datetime(2026, 1, 1, tzinfo=UTC),
+    )
+    records = records_of(evaluate([Source(recording)]), [recording], origin)
+    for record in records:
+        stand = record.stand
+        assert stand is not None
+        assert (stand.id, stand.kind) == (turntable.description.stand.stand_id, "three_axis_turntable")
+        assert stand.calibration_due == date.fromisoformat(recording.stand["calibration_due"])
+        assert stand.emulated
+    assert recording.stand["identification"].startswith("Testloom,TT3,")
+
+
+def test_a_stand_of_hardware_is_not_called_emulated() -> None:
+    answers = {"*IDN?": "Acutronic,AC3350,17,4.2", "CAL?": "2027-03-01"}
+    stand = StandResources(stand_id="tt-9", kind="three_axis_turntable", command="127.0.0.1:1")
+    session = SimpleNamespace(stand=stand, emulated=False, ask=answers.__getitem__, where="stand tt-9")
+    facts = LineTurntable(session, None, None).facts()  # type: ignore[arg-type]
+    assert facts == StandFacts(
+        "tt-9", "three_axis_turntable", "Acutronic,AC3350,17,4.2", "2027-03-01", emulated=False
+    )
+    answers["CAL?"] = "soon"
+    with pytest.raises(LinkError, match="'soon'"):
+        LineTurntable(session, None, None).facts()  # type: ignore[arg-type]
 
 
 def test_the_plan_states_uncertainties_that_its_own_session_keeps(
