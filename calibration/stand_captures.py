@@ -25,6 +25,8 @@ SETTLE_S = 0.2
 """Left out after a motion: filters and delays."""
 TAKEN_S = 1.0
 """Of the rest on both sides that a turn's capture takes, or half of it where it is shorter."""
+ATTITUDE_UNCERTAINTY_RAD = math.radians(4.0 / 3600.0)
+"""Of one pose or turn beside what all of them share: encoders, wobble and orthogonality of a table's axes."""
 LEAST_REST_S = 1.0
 LEAST_TURN_RAD = 1.0
 
@@ -119,6 +121,7 @@ def _pose(
         np.asarray(force, dtype=np.float64),
         np.asarray(part.earth_rate_rad_s.mean(axis=0), dtype=np.float64),
         motion.time_s[rows],
+        ATTITUDE_UNCERTAINTY_RAD,
     )
 
 
@@ -150,7 +153,8 @@ def _turns(
         angle = f"{'xyz'[axis]} {math.degrees(float(turn[axis])):+.0f} deg"
         name = f"{recording.recording_id} turn {len(found) + 1}, {angle}"
         whole_earth = np.asarray(earth, dtype=np.float64)
-        found.append((rows, Rotation(name, time_s[rows], gyro[rows], turn, whole_earth)))
+        doubt = ATTITUDE_UNCERTAINTY_RAD
+        found.append((rows, Rotation(name, time_s[rows], gyro[rows], turn, whole_earth, doubt)))
     return found
 
 

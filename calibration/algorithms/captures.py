@@ -33,6 +33,8 @@ class StaticPose:
         earth_rate_body_rad_s: true Earth rate in body axes, shape (3,).
         time_s: sample times (n,) on the clock of the rotations; None: the poses are taken to
             follow each other, in their order, at the rotations' sample period.
+        attitude_uncertainty_rad: standard uncertainty of the pose's own attitude about each axis. An
+            error that all poses share turns the body axes and is in none of them.
     """
 
     name: str
@@ -41,6 +43,7 @@ class StaticPose:
     specific_force_body_m_s2: FloatArray
     earth_rate_body_rad_s: FloatArray
     time_s: FloatArray | None = None
+    attitude_uncertainty_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class Rotation:
         rotation_body_rad: true integral of the body rate relative to the laboratory over the
             capture, in body axes, shape (3,). Nothing of the Earth is in it.
         earth_rotation_body_rad: true integral of the Earth rate in body axes over the capture, (3,).
+        attitude_uncertainty_rad: standard uncertainty of the turn's own axis, and of its angle.
     """
 
     name: str
@@ -61,6 +65,7 @@ class Rotation:
     gyro_rad_s: FloatArray
     rotation_body_rad: FloatArray
     earth_rotation_body_rad: FloatArray
+    attitude_uncertainty_rad: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,7 @@ class Run:
     samples: FloatArray
     true_input: FloatArray
     parts: int
+    input_covariance: FloatArray
     screen: Callable[[float | None], tuple[NDArray[np.intp], tuple[NotUsed, ...]]]
 
 
@@ -93,6 +99,7 @@ class PlacedSession:
                 pose.acc_m_s2,
                 pose.specific_force_body_m_s2,
                 pose.time_s,
+                pose.attitude_uncertainty_rad,
             )
             for pose, start, period in self.poses
         ]
@@ -107,6 +114,7 @@ class PlacedSession:
                 pose.gyro_rad_s,
                 pose.earth_rate_body_rad_s,
                 pose.time_s,
+                pose.attitude_uncertainty_rad,
             )
             for pose, start, period in self.poses
         ]
@@ -130,6 +138,7 @@ def _static_run(
     samples: FloatArray,
     truth: FloatArray,
     time_s: FloatArray | None,
+    attitude_uncertainty_rad: float,
 ) -> Run:
     values, true_input = _checked(name, samples, 2), _checked(name, truth, 1)
     if time_s is not None:
@@ -138,7 +147,13 @@ def _static_run(
     def screen(limit: float | None) -> tuple[NDArray[np.intp], tuple[NotUsed, ...]]:
         return screen_static(name, values, limit, time_s=time_s)
 
-    return Run(name, start_s, period_s, values, true_input, BLOCKS_PER_REST, screen)
+    doubt = tilted_covariance(true_input, attitude_uncertainty_rad)
+    return Run(name, start_s, period_s, values, true_input, BLOCKS_PER_REST, doubt, screen)
+
+
+def tilted_covariance(vector: FloatArray, angle_rad: float) -> FloatArray:
+    """Covariance of a vector (3,) that is turned by independent small angles about each axis, (3, 3)."""
+    return angle_rad**2 * (float(vector @ vector) * np.eye(3) - np.outer(vector, vector))
 
 
 def _rotation_run(run: Rotation, start: float, period: float) -> Run:
@@ -152,7 +167,11 @@ def _rotation_run(run: Rotation, start: float, period: float) -> Run:
         return np.arange(0 if reasons else len(values)), reasons
 
     duration = period * max(len(values), 1)
-    return Run(name, start, period, values, turn / duration, 1, screen)
+    # axis and angle err alike in angle: the axis as the turn is long, the angle once
+    doubt = tilted_covariance(turn, run.attitude_uncertainty_rad) + run.attitude_uncertainty_rad**2 * np.eye(
+        3
+    )
+    return Run(name, start, period, values, turn / duration, 1, doubt / duration**2, screen)
 
 
 def place_in_time(poses: Sequence[StaticPose], rotations: Sequence[Rotation]) -> PlacedSession:
@@ -207,6 +226,7 @@ def observe(runs: Sequence[Run], range_limit: float | None, not_used: list[NotUs
     durations: list[float] = []
     run_index: list[int] = []
     names: list[str] = []
+    doubts: list[FloatArray] = []
     for run in runs:
         usable, left_out = run.screen(range_limit)
         not_used.extend(left_out)
@@ -222,6 +242,7 @@ def observe(runs: Sequence[Run], range_limit: float | None, not_used: list[NotUs
             durations.append(run.period_s * len(part))
             run_index.append(len(names))
         names.append(run.name)
+        doubts.append(run.input_covariance)
     return Observations(
         np.array(inputs).reshape(-1, 3),
         np.array(outputs).reshape(-1, 3),
@@ -229,7 +250,7 @@ def observe(runs: Sequence[Run], range_limit: float | None, not_used: list[NotUs
         np.array(durations),
         np.array(run_index, dtype=np.intp),
         tuple(names),
-        np.zeros((len(names), 3, 3)),
+        np.array(doubts).reshape(-1, 3, 3),
     )
 
 
