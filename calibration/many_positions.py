@@ -11,6 +11,7 @@ from calibration.algorithms.multi_position import PRIOR_NONORTHOGONALITY_RAD, fi
 from calibration.algorithms.noise_covariance import BLOCKS_PER_REST, Observations, white_density
 from calibration.algorithms.screening import MIN_STATIC_SAMPLES, NotUsed, screen_static
 from calibration.evaluation import Evaluation, GyroBias, Residual
+from calibration.gyros_from_gravity import gyros_from_turned_gravity
 from calibration.rest_segments import Segment, rests
 from calibration.site_gravity import Gravity
 from protocol.errors import CalibrationError, Fault
@@ -53,25 +54,32 @@ def evaluate_positions(
     means = np.array([acc[index].mean(axis=0) for _, index in rows]).reshape(-1, 3)
     variance = _mean_variance(rows, acc, means)
     fit = fit_multi_position(means, variance, local.magnitude_m_s2, f"recording {recording.recording_id}")
-    gyro_bias = None
+    gyro_bias, turned = None, None
     if stream.has("gyro_x", "gyro_y", "gyro_z"):
         gyro_bias = _gyro_bias(rows, stream.si("gyro_x", "gyro_y", "gyro_z"))
-        not_used.append(
-            NotUsed(say("gyro matrix"), len(stream), say("no turn of known angle in the recording"))
-        )
+    if gyro_bias is not None:
+        gravity = local.magnitude_m_s2
+        turned = gyros_from_turned_gravity(recording, rows, fit.coefficients, gyro_bias, gravity, not_used)
     return Evaluation(
         recording_ids=(recording.recording_id,),
         serial=str(recording.unit.get("serial", "")),
         product=str(recording.unit.get("product", "")),
         method="multi_position",
         acc=fit.coefficients.with_input_uncertainty(local.relative_uncertainty),
-        gyro=None,
-        gyro_bias=gyro_bias,
-        residuals=tuple(
-            Residual(name, (float(value),), "m/s^2")
-            for (name, _), value in zip(rows, fit.norm_residuals_m_s2, strict=True)
+        gyro=None if turned is None else turned.fit.coefficients,
+        gyro_bias=gyro_bias if turned is None else None,
+        residuals=(
+            *(
+                Residual(name, (float(value),), "m/s^2")
+                for (name, _), value in zip(rows, fit.norm_residuals_m_s2, strict=True)
+            ),
+            *(() if turned is None else turned.residuals),
         ),
-        assumptions=(local.sentence, *_sentences(source, len(rows), fit.between_rests_m_s2, fit.assumed)),
+        assumptions=(
+            local.sentence,
+            *_sentences(source, len(rows), fit.between_rests_m_s2, fit.assumed),
+            *(() if turned is None else turned.sentences),
+        ),
         not_used=tuple(not_used),
     )
 

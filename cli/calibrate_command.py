@@ -19,7 +19,7 @@ from calibration.algorithms.coefficients import FloatArray, TriadCoefficients
 from calibration.evaluation import Evaluation
 from calibration.evaluations.by_profile import evaluate_by_profile, has_method
 from calibration.evaluations.method_evaluation import MethodEvaluation
-from calibration.published import ComparedReference, Comparison, compare_with_published
+from calibration.published import ComparedReference, compare_magnetometer, compare_with_published
 from calibration.recorded import Source, evaluate, together
 from calibration.records.record import CalibrationRecord
 from cli.calibration_record_commands import (
@@ -31,6 +31,7 @@ from cli.calibration_record_commands import (
 )
 from cli.help_pages import Command, Group
 from cli.method_evaluation_pages import method_evaluation_json, show_method_evaluation
+from cli.published_pages import reference_json, show_reference
 from cli.uncertain_numbers import gum
 from protocol.adapters.recording_forms import read_recording
 from protocol.errors import Fault, RecordingError, TestloomError
@@ -150,7 +151,7 @@ def _evaluated(names: str, group: tuple[_Located, ...], keeping: Keeping | None)
         finally:
             choose_language(language)
     if isinstance(evaluation, MethodEvaluation):
-        return _Result(names, evaluation, kept=kept)
+        return _Result(names, evaluation, compare_magnetometer(evaluation, group[0].folder), kept=kept)
     reference = compare_with_published(evaluation, group[0].recording, group[0].folder)
     return _Result(names, evaluation, reference, kept=kept)
 
@@ -206,6 +207,7 @@ def _show(console: Console, result: _Result) -> None:
     assert evaluation is not None
     if isinstance(evaluation, MethodEvaluation):
         show_method_evaluation(console, evaluation)
+        show_reference(console, result.reference)
     else:
         _show_triads(console, evaluation, result.reference)
     _show_not_used(console, evaluation)
@@ -230,7 +232,7 @@ def _show_triads(console: Console, evaluation: Evaluation, reference: ComparedRe
         table.add_row("b", *(gum(float(b), float(u)) for b, u in figures))
         console.print(table)
     _show_residuals(console, evaluation)
-    _show_reference(console, reference)
+    show_reference(console, reference)
 
 
 def _triad_table(name: str, triad: TriadCoefficients) -> Table:
@@ -268,34 +270,6 @@ def _show_residuals(console: Console, evaluation: Evaluation) -> None:
         console.print(table)
 
 
-def _show_reference(console: Console, reference: ComparedReference | None) -> None:
-    if reference is None:
-        return
-    table = Table(
-        header_style="bold",
-        title=say("Beside the published calibration ({source})", source=reference.source),
-        caption=say(
-            "E: difference over our standard uncertainty; the published figures state none of their own"
-        ),
-    )
-    headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
-    for heading in headings:
-        table.add_column(say(heading), overflow="fold")
-    for item in reference.comparisons:
-        table.add_row(
-            item.name,
-            gum(item.value, item.standard_uncertainty),
-            f"{item.published:.6g}",
-            f"{item.difference:+.1e}",
-            "" if item.percent is None else f"{item.percent:+.3f}",
-            f"{item.normalised_error:+.2f}",
-            item.unit,
-        )
-    console.print(table)
-    for remark in reference.remarks:
-        console.print(f"  · {remark}")
-
-
 def _show_not_used(console: Console, evaluation: Evaluation | MethodEvaluation) -> None:
     if not evaluation.not_used:
         console.print(say("Everything in the data was used."))
@@ -327,7 +301,8 @@ def _as_json(result: _Result) -> dict[str, Any]:
         for record, path in result.kept
     ]
     if isinstance(evaluation, MethodEvaluation):
-        return method_evaluation_json(evaluation) | {"records": records}
+        published = None if result.reference is None else reference_json(result.reference)
+        return method_evaluation_json(evaluation) | {"published": published, "records": records}
     bias = evaluation.gyro_bias
     return {
         "recordings": list(evaluation.recording_ids),
@@ -350,7 +325,7 @@ def _as_json(result: _Result) -> dict[str, Any]:
         "not_used": [
             {"what": item.what, "count": item.count, "why": item.why} for item in evaluation.not_used
         ],
-        "published": None if result.reference is None else _reference_json(result.reference),
+        "published": None if result.reference is None else reference_json(result.reference),
         "records": records,
     }
 
@@ -368,28 +343,6 @@ def _triad_json(triad: TriadCoefficients) -> dict[str, Any]:
         "nonorthogonality_rad": _list(triad.nonorthogonality_rad()),
         "residual_rms": triad.residual_rms,
         "degrees_of_freedom": triad.degrees_of_freedom,
-    }
-
-
-def _reference_json(reference: ComparedReference) -> dict[str, Any]:
-    return {
-        "source": reference.source,
-        "remarks": list(reference.remarks),
-        "comparisons": [_comparison_json(item) for item in reference.comparisons],
-    }
-
-
-def _comparison_json(item: Comparison) -> dict[str, Any]:
-    error = item.normalised_error
-    return {
-        "name": item.name,
-        "value": item.value,
-        "published": item.published,
-        "difference": item.difference,
-        "percent": item.percent,
-        "standard_uncertainty": item.standard_uncertainty,
-        "normalised_error": error if math.isfinite(error) else None,
-        "unit": item.unit,
     }
 
 

@@ -21,6 +21,7 @@ PROFILE_WORDS = {
     "thermal_positions": "soaks on a thermal turntable over the matrix of room temperature (paper 2)",
     "temperature_ramp": "ramps of temperature both ways: bias, hysteresis, what follows dT/dt (IEEE 952)",
     "spin": "spin in a steady field: zeros, sensitivity ratio, orthogonality (paper 1)",
+    "hand_tumble": "turned all ways in one field: hard and soft iron (ellipsoid)",
     "swing": "swing against a turntable: lag, clock drift, attitude error without them (paper 2)",
     "flight": "flight against a reference: roll and pitch errors by phase, 1 sigma (paper 2)",
     "vehicle_run": "drive against a reference: roll and pitch errors by phase, 1 sigma (paper 2)",

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from calibration.algorithms.allan_coefficients import AllanFit, fit_squares
 from calibration.algorithms.allan_noise import TERMS, integral_autocovariance
@@ -24,6 +23,8 @@ from protocol.errors import CalibrationError, Fault
 MIN_COEFFICIENTS = 8
 """Independent coefficients (about M / 2^j) below which a scale tells too little for normal statistics."""
 MAX_SCALES = 24
+DIRECT_LENGTH = 64
+"""Of the shorter sequence, below which a convolution is summed directly."""
 _ROOT_3 = np.sqrt(3.0)
 _SCALING = np.array([1.0 + _ROOT_3, 3.0 + _ROOT_3, 3.0 - _ROOT_3, 1.0 - _ROOT_3]) / 8.0
 _WAVELET = _SCALING[::-1] * np.array([1.0, -1.0, 1.0, -1.0])
@@ -120,17 +121,25 @@ def _expected(scale: int) -> tuple[FloatArray, FloatArray]:
     for level in range(1, scale + 1):
         spread = np.zeros(3 * 2 ** (level - 1) + 1)
         spread[:: 2 ** (level - 1)] = _WAVELET
-        filtered = np.convolve(smooth, spread) if level < 8 else fftconvolve(smooth, spread)
+        filtered = _convolve(smooth, spread)
         spread[:: 2 ** (level - 1)] = _SCALING
-        smooth = np.convolve(smooth, spread) if level < 8 else fftconvolve(smooth, spread)
+        smooth = _convolve(smooth, spread)
     of_integral = np.convolve(filtered, [1.0, -1.0])
     length = len(of_integral)
-    correlation = fftconvolve(of_integral, of_integral[::-1])  # lags -(length - 1) … length - 1
+    correlation = _convolve(of_integral, of_integral[::-1])  # lags -(length - 1) … length - 1
     lags = np.abs(np.arange(-3 * length, 3 * length + 1, dtype=np.float64))
-    covariance = np.stack(
-        [fftconvolve(row, correlation, mode="valid") for row in integral_autocovariance(lags)]
-    )
+    whole = slice(len(correlation) - 1, len(lags))  # where the two overlap fully
+    covariance = np.stack([_convolve(row, correlation)[whole] for row in integral_autocovariance(lags)])
     return covariance[:, covariance.shape[1] // 2].copy(), covariance @ covariance.T
+
+
+def _convolve(first: FloatArray, second: FloatArray) -> FloatArray:
+    """By FFT where both are long: scipy.signal does the same, and takes seconds to load."""
+    length = len(first) + len(second) - 1
+    if min(len(first), len(second)) < DIRECT_LENGTH:
+        return np.convolve(first, second)
+    size = 1 << (length - 1).bit_length()
+    return np.fft.irfft(np.fft.rfft(first, size) * np.fft.rfft(second, size), size)[:length]
 
 
 def _refused(what: str) -> CalibrationError:

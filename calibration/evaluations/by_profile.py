@@ -9,6 +9,7 @@ sweep          gain, delay, lag, bandwidth of gyros                      (IEEE 5
 tumble         g-sensitivity of gyros, quadratic term of accelerometers  (IEEE 952, 1293)
 thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 2)
 temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
+hand_tumble    hard and soft iron; so is every recording of a magnetometer alone
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
 swing          lag and attitude error against a turntable                (paper 2)
 flight         errors of roll and pitch by phase, as vehicle_run          (paper 2)
@@ -16,10 +17,12 @@ flight         errors of roll and pitch by phase, as vehicle_run          (paper
 
 # pyright: strict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from calibration.evaluations.eleven_point import evaluate_eleven_point
 from calibration.evaluations.flight import evaluate_flight
 from calibration.evaluations.impact import evaluate_impact
+from calibration.evaluations.magnetometer import HAND_TUMBLE, evaluate_magnetometer, magnetometer_alone
 from calibration.evaluations.method_evaluation import MethodEvaluation
 from calibration.evaluations.overload import evaluate_overload
 from calibration.evaluations.rate_staircase import evaluate_rate_staircase
@@ -47,6 +50,7 @@ EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
     "swing": evaluate_swing,
     "flight": evaluate_flight,
     "vehicle_run": evaluate_flight,
+    HAND_TUMBLE: evaluate_magnetometer,
 }
 TOGETHER = frozenset({"overload", "rate_staircase", "static", "thermal_positions"})
 """Profiles of which one unit's recordings belong together."""
@@ -56,12 +60,19 @@ COMPANIONS: dict[str, tuple[str, ...]] = {"thermal_positions": ROOM_PROFILES}
 
 def has_method(recording: Recording) -> bool:
     """Whether the recording's profile has a method of its own here."""
-    return profile_of(recording) in EVALUATIONS and not recording.test.get("segments")
+    named = _method_name(recording) in EVALUATIONS
+    return (named or magnetometer_alone(recording)) and not recording.test.get("segments")
 
 
 def profile_of(recording: Recording) -> str:
     """The test profile; empty where none is named."""
     return str(recording.test.get("profile", ""))
+
+
+def _method_name(recording: Recording) -> str:
+    """static_449s and the like, as loggers name their rests, are 'static'."""
+    name = profile_of(recording)
+    return "static" if name not in EVALUATIONS and name.startswith("static_") else name
 
 
 def evaluate_by_profile(recordings: Sequence[Recording]) -> MethodEvaluation:
@@ -72,4 +83,6 @@ def evaluate_by_profile(recordings: Sequence[Recording]) -> MethodEvaluation:
     Raises:
         CalibrationError: what is missing or cannot be used is named, with a remedy.
     """
-    return EVALUATIONS[profile_of(recordings[0])](tuple(recordings))
+    name = _method_name(recordings[0])
+    found = EVALUATIONS.get(name, evaluate_magnetometer)(tuple(recordings))
+    return replace(found, profile=name) if name in EVALUATIONS else found

@@ -1,13 +1,19 @@
 """Real sensors against their published calibrations. Tolerances are those the sources' own notes allow."""
 
+import dataclasses
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from calibration import gyros_from_gravity
+from calibration.algorithms import turned_gravity
+from calibration.algorithms.magnetometer import hard_and_soft_iron
 from calibration.evaluation import Evaluation
-from calibration.published import compare_with_published
+from calibration.evaluations.by_profile import evaluate_by_profile, has_method
+from calibration.published import compare_magnetometer, compare_with_published
+from calibration.published_tables import table_of
 from calibration.recorded import Source, evaluate, together
 from protocol.errors import CalibrationError
 from protocol.folder_form import read_folder
@@ -68,28 +74,77 @@ def test_the_multi_position_set_agrees_with_its_parameters(recorded_data: Path) 
         assert abs(by_name[f"acc k_{axis}{axis}"].percent or 0.0) < 0.2
         assert abs(by_name[f"acc b_{axis}"].difference) < 10 * count
         assert abs(by_name[f"gyro b_{axis}"].normalised_error) < 2.0
+    # Three of nine turns ran into the gyros' range, which the published scale factors rest on.
     assert found.gyro is None
-    assert "gyro matrix" in {item.what for item in found.not_used}
+    assert {"gyro matrix", "turns between rests"} <= {item.what for item in found.not_used}
+    assert any("end of their range" in remark for remark in reference.remarks)
     assert any("non-orthogonality xy" in sentence for sentence in found.assumptions)
 
 
-PUBLISHED_MPU9150 = {  # columns 1-3 of published_calibration.png: accelerometer scale (%) and bias (m/s^2)
-    0: ((0.363, 0.315, 0.647), (0.103, 0.097, 0.344)),
-    1: ((0.471, 0.482, 0.932), (0.090, 0.070, 0.338)),
-    2: ((0.382, 0.355, 0.780), (0.096, 0.008, -0.045)),
-}
-
-
-@pytest.mark.parametrize("unit", PUBLISHED_MPU9150)
-def test_rests_found_in_hand_rotations_give_the_published_accelerometer(
+@pytest.mark.parametrize("unit", [0, 1, 2])
+def test_rests_in_hand_rotations_give_the_printed_accelerometer_and_the_gyros(
     recorded_data: Path, unit: int
 ) -> None:
-    found = only(recorded_data, f"mpu9150_x5_rotations/imu{unit}-rotations")
-    scale, bias = PUBLISHED_MPU9150[unit]
-    assert found.acc is not None
-    np.testing.assert_allclose(100 * found.acc.scale_factor_error(), scale, atol=0.15)
-    np.testing.assert_allclose(found.acc.bias, bias, atol=0.005)
-    assert found.gyro is None  # the hand moves: nothing about its matrix may be claimed from these rests
+    (source,) = sources(recorded_data, f"mpu9150_x5_rotations/imu{unit}-rotations")
+    found = evaluate([source])
+    reference = compare_with_published(found, source.recording, source.folder)
+    assert reference is not None
+    by_name = {item.name: item for item in reference.comparisons}
+    of_acc = [item for item in reference.comparisons if item.name.startswith("acc")]
+    assert len(of_acc) == 9
+    assert all(abs(item.normalised_error) < 2.0 for item in of_acc)
+    for axis in "xyz":
+        assert abs(by_name[f"acc m_{axis * 2}"].percent or 0.0) < 0.15
+        assert abs(by_name[f"acc b_{axis}"].difference) < 0.005
+        # 0.3 % but for unit 1's z, where the printed figures leave four times the residual, see below.
+        assert abs(by_name[f"gyro m_{axis * 2}"].percent or 0.0) < (0.6 if unit == 1 else 0.3)
+        assert abs(by_name[f"gyro b_{axis}"].difference) < 1.2e-3  # printed in steps of 1e-3 rad/s
+    assert any("leave gravity off" in remark for remark in reference.remarks)
+
+
+@pytest.mark.parametrize(("unit", "printed_deg"), [(0, 0.29), (1, 0.28), (2, 0.25)])
+def test_gravity_turns_as_the_gyros_here_say_on_turns_left_out(
+    recorded_data: Path, unit: int, printed_deg: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Why the gyros differ from the printed table by more than u: fitted to three of four turns, ours
+    predict the fourth better than the table does, which was fitted to all."""
+    sessions: list[turned_gravity.GravitySession] = []
+    fit = turned_gravity.fit_turned_gravity
+
+    def kept(session: turned_gravity.GravitySession, where: str) -> turned_gravity.TurnedGravityFit:
+        sessions.append(session)
+        return fit(session, where)
+
+    monkeypatch.setattr(gyros_from_gravity, "fit_turned_gravity", kept)
+    (source,) = sources(recorded_data, f"mpu9150_x5_rotations/imu{unit}-rotations")
+    found = evaluate([source])
+    (session,) = sessions
+    printed = table_of(source.recording)
+    assert printed is not None
+    assert found.gyro is not None
+
+    def left_deg(turns: tuple[turned_gravity.Turn, ...], matrix: np.ndarray, bias: np.ndarray) -> float:
+        parameters = np.concatenate([np.linalg.inv(matrix).ravel(), bias])
+        residual = turned_gravity.TurnedGravity(session, turns).at(parameters)[0]
+        return math.degrees(float(np.sqrt(2 * (residual**2).mean())))
+
+    assert left_deg(session.turns, printed.gyro.matrix, printed.gyro.bias) == pytest.approx(
+        printed_deg, abs=0.01
+    )
+    assert left_deg(session.turns, found.gyro.matrix, found.gyro.bias) < 0.09
+    squares = np.zeros(2)
+    for fold in range(4):
+        others = session.turns[fold::4]
+        kept_turns = tuple(turn for turn in session.turns if turn not in others)
+        ours = fit(dataclasses.replace(session, turns=kept_turns), "three of four turns").coefficients
+        squares += len(others) * np.square(
+            [
+                left_deg(others, ours.matrix, ours.bias),
+                left_deg(others, printed.gyro.matrix, printed.gyro.bias),
+            ]
+        )
+    ours_deg, printed_rms_deg = np.sqrt(squares / len(session.turns))
+    assert ours_deg < 0.75 * printed_rms_deg
 
 
 def test_thirty_orientations_give_the_scale_and_bias_of_the_norm(recorded_data: Path) -> None:
@@ -122,16 +177,68 @@ def test_one_experiment_of_the_array_predicts_another(recorded_data: Path) -> No
     np.testing.assert_allclose(np.diag(first.matrix), np.diag(fifth.matrix), atol=6e-4)
 
 
-@pytest.mark.parametrize("name", ["static-100s", "static-449s", "turn-x-90deg"])
+def test_a_long_rest_tells_the_same_noise_by_allan_and_by_wavelet_variance(recorded_data: Path) -> None:
+    ((source,),) = together(sources(recorded_data, "mpu6050_multipos_tomisuarez/static-449s"))
+    assert has_method(source.recording)
+    found = {one.sensor: one for one in evaluate_by_profile([source.recording]).results if "_" in one.sensor}
+    for channel in ("gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z"):
+        content = found[channel].content
+        walk = next(one for one in content.quantities if one.name.endswith("_random_walk"))
+        by_wavelet = next(one for one in found[channel].beside if one.name.startswith("random walk"))
+        assert by_wavelet.value == pytest.approx(walk.value, rel=0.1), channel
+        plots = {
+            table.name: {column.name: column.values for column in table.columns} for table in content.tables
+        }
+        assert {"allan_deviation", "modified_allan_deviation", "wavelet_deviation"} <= set(plots)
+        of_plot = plots["allan_deviation"]
+        lower, middle, upper = (
+            np.array(of_plot[name]) for name in ("lower_limit_95", "deviation", "upper_limit_95")
+        )
+        assert (lower < middle).all()
+        assert (middle < upper).all()
+        assert (np.diff(of_plot["degrees_of_freedom"]) < 0).all()
+
+
+@pytest.mark.parametrize("name", ["turn-x-90deg"])
 def test_what_cannot_be_calibrated_says_what_is_missing(recorded_data: Path, name: str) -> None:
     with pytest.raises(CalibrationError, match="at least 9 rests") as refusal:
         only(recorded_data, f"mpu6050_multipos_tomisuarez/{name}")
     assert "attitudes" in refusal.value.remedy
 
 
-def test_a_magnetometer_alone_has_no_method_yet(recorded_data: Path) -> None:
-    with pytest.raises(CalibrationError, match="No calibration method applies"):
-        only(recorded_data, "mag_hardiron_tomisuarez/noisy")
+def test_a_magnetometer_alone_is_fitted_and_compared(recorded_data: Path) -> None:
+    """Centre and long axis agree; the short axes are where a fit without regard to noise is wrong."""
+    ((source,),) = together(sources(recorded_data, "mag_hardiron_tomisuarez/noisy"))
+    assert has_method(source.recording)
+    found = evaluate_by_profile([source.recording])
+    reference = compare_magnetometer(found, source.folder)
+    assert reference is not None
+    by_name = {item.name: item for item in reference.comparisons}
+    assert len(by_name) == 9
+    for name in ("mag b_x", "mag b_y", "mag b_z", "mag k_zz", "mag k_xy", "mag k_xz", "mag k_yz"):
+        assert abs(by_name[name].normalised_error) < 2.0, name
+    assert 1.0 < (by_name["mag k_yy"].percent or 0.0) < 2.5
+    output = source.recording.stream("dut").si("mag_x", "mag_y", "mag_z")
+    fit = hard_and_soft_iron(output)
+    directions = fit.compensate(output)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    noise = fit.distance_rms * np.random.default_rng(1).standard_normal(output.shape)
+    simulated = directions @ np.linalg.inv(fit.compensation) + fit.hard_iron + noise
+    again = hard_and_soft_iron(simulated)
+    assert again.compensation[1, 1] == pytest.approx(fit.compensation[1, 1], rel=0.005)
+    assert _plain_compensation(simulated)[1, 1] / fit.compensation[1, 1] == pytest.approx(0.975, abs=0.004)
+    assert _plain_compensation(output)[1, 1] / fit.compensation[1, 1] == pytest.approx(0.975, abs=0.004)
+
+
+def _plain_compensation(points: np.ndarray) -> np.ndarray:
+    """By v^T A v + 2 b^T v = 1 and plain least squares."""
+    origin, size = points.mean(axis=0), points.std()
+    x, y, z = ((points - origin) / size).T
+    design = np.column_stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, 2 * x, 2 * y, 2 * z])
+    v, *_ = np.linalg.lstsq(design, np.ones(len(points)), rcond=None)
+    shape = np.array([[v[0], v[3], v[4]], [v[3], v[1], v[5]], [v[4], v[5], v[2]]])
+    values, vectors = np.linalg.eigh(shape / (1 + v[6:] @ np.linalg.solve(shape, v[6:])))
+    return (vectors * np.sqrt(values)) @ vectors.T / size
 
 
 def test_half_a_ferraris_session_names_the_missing_half(recorded_data: Path) -> None:

@@ -1,0 +1,63 @@
+"""What people and scripts see of a published calibration beside an evaluation."""
+
+import math
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from calibration.published import ComparedReference, Comparison
+from cli.uncertain_numbers import gum
+from protocol.language import say, translated
+
+
+def show_reference(console: Console, reference: ComparedReference | None) -> None:
+    if reference is None:
+        return
+    table = Table(
+        header_style="bold",
+        title=say("Beside the published calibration ({source})", source=reference.source),
+        caption=say(
+            "E: difference over the standard uncertainty, ours and that of a printed figure's last digit; "
+            "the published figures state none of their own"
+        ),
+    )
+    headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
+    for heading in headings:
+        table.add_column(say(heading), overflow="fold")
+    for item in reference.comparisons:
+        table.add_row(
+            item.name,
+            gum(item.value, item.standard_uncertainty),
+            f"{item.published:.6g}",
+            f"{item.difference:+.1e}",
+            "" if item.percent is None else f"{item.percent:+.3f}",
+            f"{item.normalised_error:+.2f}",
+            item.unit,
+        )
+    console.print(table)
+    for remark in reference.remarks:
+        console.print(f"  · {translated(remark)}")
+
+
+def reference_json(reference: ComparedReference) -> dict[str, Any]:
+    return {
+        "source": reference.source,
+        "remarks": list(reference.remarks),
+        "comparisons": [_comparison_json(item) for item in reference.comparisons],
+    }
+
+
+def _comparison_json(item: Comparison) -> dict[str, Any]:
+    error = item.normalised_error
+    return {
+        "name": item.name,
+        "value": item.value,
+        "published": item.published,
+        "difference": item.difference,
+        "percent": item.percent,
+        "standard_uncertainty": item.standard_uncertainty,
+        "published_standard_uncertainty": item.published_standard_uncertainty,
+        "normalised_error": error if math.isfinite(error) else None,
+        "unit": item.unit,
+    }
