@@ -142,11 +142,13 @@ def _fit_acc(observations: Observations, gravity_m_s2: float) -> tuple[LinearFit
         "acceleration", observations, tuple(hypotheses), "accelerometer of the Ferraris session"
     )
     mean_square = float(np.dot(fit.weights, np.square(ALIGNMENTS_RAD)))
-    # A tilt shortens the projection by 1 - cos, on the average alignment^2: a second-order error that is
-    # not corrected but stated, for the mean of two poses.
+    # A tilt shortens the projection by 1 - cos, of mean and standard deviation alignment^2: a second-order
+    # error that is not corrected but stated. Of two poses, half the difference (scale) has both, half the
+    # sum (bias) only what differs.
     covariance = fit.coefficients.covariance.copy()
-    for entry in (0, 4, 8):
-        covariance[entry, entry] += 1.5 * mean_square**2
+    for axis in range(3):
+        covariance[4 * axis, 4 * axis] += 1.5 * mean_square**2
+        covariance[9 + axis, 9 + axis] += 0.5 * (gravity_m_s2 * mean_square) ** 2
     return replace(fit, coefficients=replace(fit.coefficients, covariance=covariance)), math.sqrt(mean_square)
 
 
