@@ -189,7 +189,7 @@ def with_one_more(
     from cli.emulator_values import with_effect
 
     twin = with_effect(_twin_of(unit, seed, serial), effect, sensor, axis, parameters or [])
-    _check_product_can_have(twin)
+    check_product_can_have(twin)
     _keep(twin, out)
 
 
@@ -212,7 +212,7 @@ def plot(
         typer.echo(str(path))
 
 
-def _check_product_can_have(twin: "Twin") -> None:
+def check_product_can_have(twin: "Twin") -> None:
     """What a bench or a recording would refuse later is refused before the file is there."""
     from dut_emulator.products.catalogue import product_named
     from dut_emulator.recording.order import RecordingOrder

@@ -29,6 +29,7 @@ COMMANDS = {
     "emulator": ("emulator_commands", "app"),
     "calibrate": ("calibrate_command", "app"),
     "certificate": ("certificate_command", "certificate"),
+    "gap": ("gap_commands", "app"),
     "doctor": ("doctor_command", "doctor"),
     "router": ("router_command", "router"),
     "coordinator": ("coordinator_commands", "coordinator"),

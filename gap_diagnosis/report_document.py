@@ -21,7 +21,7 @@ NAMES_A_SET: tuple[Verdict, ...] = ("attributed", "confusable")
 """Verdicts that a set of effects is named by."""
 ROUNDING = 1e-6
 
-Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+Probability = Annotated[float, Field(ge=0.0, le=1.0 + ROUNDING)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 
 

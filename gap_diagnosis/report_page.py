@@ -22,6 +22,7 @@ from gap_diagnosis.report_style import STYLE_SHEET, VERDICT_COLOURS, heat_colour
 from gap_diagnosis.report_words import (
     KINDS,
     channel_words,
+    channels_words,
     closed_words,
     effect_words,
     parameter_lines,
@@ -145,7 +146,7 @@ def _which(document: ReportDocument) -> str:
         (
             f"<div><b>{escape(effect_words(entry.effect))}</b><br><code>{escape(entry.effect)}</code></div>",
             _bar(entry.probability),
-            escape(", ".join(channel_words(channel) for channel in entry.channels)),
+            escape(channels_words(entry.channels)),
             _lines(parameter_lines(entry)),
             _lines([effect_words(name) for name in entry.confusable_with]),
         )

@@ -1,8 +1,10 @@
 # pyright: strict
 """A report in words, in the chosen language: effects, channels and regimes by name, verdicts as sentences."""
 
+from collections.abc import Iterable
+
 from gap_diagnosis.field_units import field_quantity, unit_sign
-from gap_diagnosis.report_document import Attribution, GapPlace, ReportDocument, Shrinkage
+from gap_diagnosis.report_document import Attribution, EffectSet, GapPlace, ReportDocument, Shrinkage
 from protocol.language import say, translated
 
 ORIGINS = {
@@ -79,6 +81,7 @@ EFFECTS = {
     "crank_geometry": "crank geometry",
 }
 """Word of the catalogue → what a test engineer calls it."""
+CLASS_ROUNDING = 1e-3
 KINDS = {
     "deterministic": "follows the motion or the conditions",
     "stochastic": "noise",
@@ -117,6 +120,16 @@ def channel_words(channel: str) -> str:
     """'gyro x' for 'gyro_x'."""
     sensor, _, axis = channel.partition("_")
     return f"{say(ORIGINS[sensor])} {axis}".strip() if sensor in ORIGINS else channel
+
+
+def channels_words(channels: Iterable[str]) -> str:
+    """'gyro x, y; accelerometer z'."""
+    axes: dict[str, list[str]] = {}
+    for channel in dict.fromkeys(channels):
+        sensor, _, axis = channel.partition("_")
+        axes.setdefault(sensor, []).append(axis)
+    words = (f"{channel_words(sensor)} {', '.join(found)}".strip() for sensor, found in axes.items())
+    return "; ".join(words)
 
 
 def variable_words(variable: str) -> str:
@@ -183,8 +196,7 @@ def verdict_sentences(report: ReportDocument) -> tuple[str, ...]:
                 *_closed(report.shrinkage),
             )
         case "confusable":
-            members = [one for one in report.sets if one.effects][: _class_size(report)]
-            causes = _joined([set_words(one.effects) for one in members])
+            causes = _joined([set_words(one.effects) for one in class_members(report)])
             return (
                 say(
                     "The recordings differ from the simulator, and one of these explains it, but this "
@@ -203,9 +215,23 @@ def verdict_sentences(report: ReportDocument) -> tuple[str, ...]:
             )
 
 
+def class_members(report: ReportDocument) -> tuple[EffectSet, ...]:
+    """The most probable sets that together have the class's probability; at least two where there are."""
+    wanted, total = (report.class_probability or 1.0) - CLASS_ROUNDING, 0.0
+    members: list[EffectSet] = []
+    for one in report.sets:
+        if not one.effects:
+            continue
+        members.append(one)
+        total += one.probability
+        if total >= wanted and len(members) > 1:
+            break
+    return tuple(members)
+
+
 def percent(share: float) -> str:
     """'99.6 %'; '> 99.9 %' rather than 100 % of what is not certain."""
-    if 0.9995 <= share < 1.0:
+    if share >= 0.9995:
         return "> 99.9 %"
     if 0.0 < share < 0.0005:
         return "< 0.1 %"
@@ -246,16 +272,6 @@ def _left_over(report: ReportDocument) -> tuple[str, ...]:
     )
 
 
-def _class_size(report: ReportDocument) -> int:
-    """How many of the first sets make up the class."""
-    wanted, total = (report.class_probability or 1.0) - 1e-3, 0.0
-    for count, one in enumerate((one for one in report.sets if one.effects), start=1):
-        total += one.probability
-        if total >= wanted and count > 1:
-            return count
-    return len(report.sets)
-
-
 def _class_chance(report: ReportDocument) -> tuple[str, ...]:
     if report.class_probability is None:
         return ()
@@ -269,8 +285,7 @@ def _class_chance(report: ReportDocument) -> tuple[str, ...]:
 def _on_channels(report: ReportDocument, effects: tuple[str, ...]) -> str:
     parts: list[str] = []
     for name in effects:
-        channels = dict.fromkeys(c for entry in report.entries_of((name,)) for c in entry.channels)
-        on = ", ".join(channel_words(channel) for channel in channels)
+        on = channels_words(c for entry in report.entries_of((name,)) for c in entry.channels)
         words = effect_words(name)
         parts.append(say("{effect} (on {channels})", effect=words, channels=on) if on else words)
     return " + ".join(parts)

@@ -26,6 +26,14 @@ ADDS_TO_BELIEVED = frozenset({"bandwidth"})
 """Words of effects of which the belief has a part that its prediction has passed already."""
 _SAME = 1e-6
 
+_WITHOUT_A_SET = {
+    "no_gap": ("The report found no gap: there is nothing to add.", "use the twin as it is."),
+    "unattributed": (
+        "The report found a gap that no set of effects explains.",
+        "look at what it describes, record its next test, and diagnose again with that.",
+    ),
+}
+
 How = Literal["new", "replaced", "added", "shape"]
 
 
@@ -88,12 +96,8 @@ def found_effects(
     """
     sets = [one for one in report.sets if one.effects]
     if report.verdict not in NAMES_A_SET:
-        words = {
-            "no_gap": "The report found no gap: there is nothing to add.",
-            "unattributed": "The report found a gap that no set of effects explains.",
-        }
-        remedy = "record the next test that the report names, and diagnose again with it."
-        raise refused(words[report.verdict], f"{where}, verdict", remedy)
+        what, remedy = _WITHOUT_A_SET[report.verdict]
+        raise refused(what, f"{where}, verdict", remedy)
     if not 1 <= rank <= len(sets):
         text = f"The report has {len(sets)} sets of effects, and no set number {rank}."
         raise TestloomError(
