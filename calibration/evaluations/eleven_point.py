@@ -9,7 +9,12 @@ from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.dwell_means import dwell_means
 from calibration.algorithms.earth import EARTH_RATE_RAD_S
 from calibration.algorithms.rate_gyro import LINE_METHODS, RateGyroResult, evaluate_rate_gyro
-from calibration.algorithms.rate_gyro_uncertainty import Multimeter
+from calibration.algorithms.rate_gyro_uncertainty import (
+    Multimeter,
+    gum_holds,
+    linearity_budget,
+    monte_carlo_linearity,
+)
 from calibration.algorithms.rate_table_readings import RateTable, StrokeReadings, choose_points
 from calibration.algorithms.screening import NotUsed
 from calibration.evaluations.method_evaluation import (
@@ -34,6 +39,10 @@ TABLE_ACCURACY = 1e-4
 METER = Multimeter(reading_part=3.5e-5, range_part=5e-6, range_v=10.0)
 """Bounds of paper 4's table and voltmeter: a recording does not tell its instruments' certificates."""
 UP_STROKE, DOWN_STROKE = 1, -1
+LINEARITY_LIMIT = 2e-3
+"""Of the class of gyro that paper 4 calibrates."""
+TRIALS, SEED = 5_000, 4
+"""Of the Monte Carlo run; seeded, so that a recording gives the same figures each time."""
 RATE_TOLERANCE = 0.01
 """Of the greatest rate, between what the points name and the table says."""
 OTHER_AXIS = 10.0
@@ -77,7 +86,8 @@ def evaluate_eleven_point(recordings: tuple[Recording, ...]) -> MethodEvaluation
             )
             assumptions.append(falls)
         content = rate_gyro_content(readings, found, table, METER)
-        results.append(SensorResult(f"gyro_{letter}", content, recordings, _other_lines(found)))
+        beside = (*_other_lines(found), *_linearity_beside(readings, found, table))
+        results.append(SensorResult(f"gyro_{letter}", content, recordings, beside))
         count = len(readings.suspects())
         if count:
             why = say("far from the others of their point and stroke: used all the same, look at them")
@@ -248,3 +258,39 @@ def _other_lines(found: RateGyroResult) -> tuple[Beside, ...]:
         "minimax": say("linearity from the minimax line, the least possible"),
     }
     return tuple(Beside(words[name], found.linearity[name], "1") for name in LINE_METHODS if name in words)
+
+
+def _linearity_beside(
+    readings: StrokeReadings, found: RateGyroResult, table: RateTable
+) -> tuple[Beside, ...]:
+    """Whether U may judge the class's limit (paper 4), and the linearity by Monte Carlo (JCGM 101)."""
+    line = found.lines["least_squares"]
+    worst = int(np.abs(line.residual_v).argmax())
+    budget = linearity_budget(readings, line, table, METER, worst)
+    check = budget.against_limit(LINEARITY_LIMIT)
+    generator = np.random.default_rng(SEED)
+    drawn = monte_carlo_linearity(readings, "least_squares", table, METER, generator, TRIALS)
+    low, high = (float(bound) for bound in drawn.point_interval[:, worst])
+    verdict = say("good enough") if check.good_enough else say("not good enough")
+    agree = say("agrees") if gum_holds(budget, (low, high)) else say("does not agree")
+    return (
+        Beside(
+            say(
+                "U (k = 2) of the linearity over the class's limit of {limit} %: {verdict}, 1/3 is allowed",
+                limit=f"{100 * LINEARITY_LIMIT:g}",
+                verdict=verdict,
+            ),
+            check.ratio,
+            "1",
+        ),
+        Beside(
+            say("half of the 95 % interval at this point by Monte Carlo: the budget {agree}", agree=agree),
+            0.5 * (high - low),
+            "1",
+        ),
+        Beside(
+            say("linearity that a straight gyro would show here, 95 %"),
+            drawn.straight_line_95,
+            "1",
+        ),
+    )
