@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cli.help_pages import Command
+from cli.rig_commands import rig, shots
 from cli.temperature_header_command import header
 from protocol.language import say
 
@@ -40,6 +41,8 @@ def add_record_commands(app: typer.Typer) -> None:
         ("compare", compare, say("Compare two calibration records: which quantities differ.")),
         ("history", history, say("Follow a unit's calibration records over time: drift, outliers.")),
         ("header", header, say("Write a temperature record as a C header for the unit's firmware.")),
+        ("shots", shots, say("How many impacts a pure lag takes: random, programmed, and as printed.")),
+        ("rig", rig, say("Accept an overload rig: the guide's pitch and roll, how runs come to their peak.")),
     ):
         app.command(name, cls=Command, help=words)(command)
 
