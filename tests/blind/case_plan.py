@@ -102,8 +102,10 @@ def shares(size: str, cases: int | None) -> dict[str, int]:
     weights = {"null": 25, "single": 40, "discrete": 5, "pair": 9, "out_of_catalogue": 8, "decoy": 3,
                "decoy_stand": 3, "withheld": 4, "semi_real": 3}  # fmt: skip
     if size == "nightly" and cases is None:
-        return {"null": 1000, "single": 300 * len(LADDER), "discrete": 120, "pair": 300,
-                "out_of_catalogue": 300, "decoy": 100, "decoy_stand": 100, "withheld": 150, "semi_real": 60}  # fmt: skip
+        return {
+            **{"null": 1000, "single": 300 * len(LADDER), "discrete": 120, "pair": 300},
+            **{"out_of_catalogue": 300, "decoy": 100, "decoy_stand": 100, "withheld": 150, "semi_real": 60},
+        }
     total = cases or {"quick": 40, "default": 400}[size]
     counts = {kind: max(1, round(total * weight / 100)) for kind, weight in weights.items()}
     counts["single"] += total - sum(counts.values())

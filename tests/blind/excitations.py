@@ -246,19 +246,22 @@ _TESTS = {
 }
 
 
-def excitation(kind: str, key: tuple[int, ...], carrier: tuple[float, int] | None = None) -> Excitation:
+def excitation(
+    kind: str, key: tuple[int, ...], carrier: tuple[float, int] | None = None, stretch: float = 1.0
+) -> Excitation:
     """An instance of a kind of test, reproducible by its key: one to four runs, one or two mounts.
 
     Args:
         kind: one of KINDS.
         key: whole numbers.
         carrier: output rate (Hz) and rows of each of two runs, where a real noise record sets them.
+        stretch: of all durations.
     """
     rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((*key, KINDS.index(kind)))))
     base_rate, base_s, rates_of, chamber_of = _TESTS[kind]
     count = int(rng.choice([1, 2, 3, 4], p=[0.1, 0.7, 0.13, 0.07]))
     rate = float(base_rate * rng.uniform(0.93, 1.1))
-    duration = base_s * rng.uniform(0.9, 1.05) * {1: 1.2, 2: 1.0, 3: 0.72, 4: 0.55}[count]
+    duration = stretch * base_s * rng.uniform(0.9, 1.05) * {1: 1.2, 2: 1.0, 3: 0.72, 4: 0.55}[count]
     rows = int(duration * rate)
     if carrier is not None:
         count, (rate, rows) = 2, carrier

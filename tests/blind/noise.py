@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dst, irfft, next_fast_len, rfft
-from scipy.linalg import solve_banded, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 
 Array = NDArray[np.float64]
 
@@ -104,15 +104,30 @@ class InnovationsFilter:
     def __call__(self, columns: Array) -> Array:
         """(rows, m) whitened to unit variance, from a zero state."""
         out = np.asarray(columns, dtype=float) / self._std
-        bands = np.ones((2, len(out)))
         for phi, pole in zip(self._phi_sorted, self._poles, strict=True):
-            driven = np.empty_like(out, order="F")
-            driven[0], driven[1:] = out[0], out[1:] - phi * out[:-1]
-            bands[1] = -pole
-            out = solve_banded((1, 0), bands, driven, overwrite_b=True, check_finite=False)
+            driven = out.copy()
+            driven[1:] -= phi * out[:-1]
+            out = _recursion(driven, pole)
         return out
 
     def initial_columns(self, rows: int) -> Array:
         """(rows, states): whitened columns with standard normal weights, what the filter's start misses."""
         decays = self._phi[None, :] ** np.arange(rows)[:, None]
         return self(decays @ self._initial)
+
+
+def _recursion(driven: Array, pole: float) -> Array:
+    """y[k] = pole y[k-1] + driven[k], by running sums of pole^-k driven[k] in short blocks; in place."""
+    rows = len(driven)
+    length = int(np.clip(12 / -np.log(pole), 1, 512))
+    powers = pole ** np.arange(length)
+    carried = np.zeros(driven.shape[1])
+    for start in range(0, rows, length):
+        block = driven[start : start + length]
+        size = len(block)
+        block[0] += pole * carried
+        block /= powers[:size, None]
+        np.cumsum(block, axis=0, out=block)
+        block *= powers[:size, None]
+        carried = block[-1].copy()
+    return driven
