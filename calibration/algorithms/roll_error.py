@@ -19,6 +19,7 @@ from protocol.errors import CalibrationError, Fault
 
 BLOCKS = 32
 MIN_BLOCK = 4
+DRIFT_ROUNDS = 4
 MIN_RATE_SPREAD = 0.2
 """Spin rates closer than this part of the largest tell latency from mounting too badly."""
 
@@ -50,11 +51,13 @@ class Spin:
         rate_rad_s: signed spin rate, rad/s.
         roll_rad: from the magnetometer, shape (n,).
         reference_rad: the stand's angle at the same instants of the stand's clock, shape (n,).
+        time_s: since the trigger that joined the clocks, shape (n,); None: they are one clock.
     """
 
     rate_rad_s: float
     roll_rad: FloatArray
     reference_rad: FloatArray
+    time_s: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,15 @@ class RollLatency:
         mounting_rad: rotation of the magnetometer's x from the reference's zero.
         covariance: of (latency, mounting), shape (2, 2).
         residual_rad: of each spin's phase from the line, shape (k,).
+        clock_drift: of the unit's clock against the stand's, relative, with its standard uncertainty;
+            None: not asked for.
     """
 
     latency_s: float
     mounting_rad: float
     covariance: FloatArray
     residual_rad: FloatArray
+    clock_drift: tuple[float, float] | None = None
 
     @property
     def latency_standard_uncertainty_s(self) -> float:
@@ -114,6 +120,9 @@ def roll_error(roll_rad: FloatArray, reference_rad: FloatArray) -> RollError:
 def roll_latency(spins: Sequence[Spin]) -> RollLatency:
     """Latency by phase from spins at two or more rates (both ways at 15 rev/s: +-94.25 rad/s).
 
+    Where the spins have times, a drift of the clocks is fitted too: 8 ppm are 0.2 ms after 20 s, and would
+    pass for latency; phase = mounting - omega (tau + drift t).
+
     Phases are taken between -pi and pi: mounting and latency together must stay below half a turn
     (33 ms at 15 rev/s).
 
@@ -126,6 +135,8 @@ def roll_latency(spins: Sequence[Spin]) -> RollLatency:
             "Spins at one rate cannot tell a latency from a rotation of the mounting.",
             "spin the other way round too",
         )
+    if all(spin.time_s is not None for spin in spins):
+        return _with_drift(spins)
     errors = [roll_error(spin.roll_rad, spin.reference_rad) for spin in spins]
     phases = np.array([error.mean for error in errors])
     uncertainties = np.array([error.mean_standard_uncertainty for error in errors])
@@ -135,6 +146,39 @@ def roll_latency(spins: Sequence[Spin]) -> RollLatency:
     solution, *_ = np.linalg.lstsq(weighted, phases * weights, rcond=None)
     covariance = np.asarray(np.linalg.inv(weighted.T @ weighted), dtype=np.float64)
     return RollLatency(float(solution[0]), float(solution[1]), covariance, phases - design @ solution)
+
+
+def _with_drift(spins: Sequence[Spin]) -> RollLatency:
+    """By the means of blocks of each spin; their scatter about the fit is that spin's."""
+    rows: list[FloatArray] = []
+    phases: list[FloatArray] = []
+    for spin in spins:
+        error = roll_error(spin.roll_rad, spin.reference_rad)
+        rest = np.angle(np.exp(1j * (spin.roll_rad - spin.reference_rad - error.mean)))
+        whole = len(rest) // BLOCKS * BLOCKS
+        assert spin.time_s is not None
+        times = np.asarray(spin.time_s, dtype=np.float64)[:whole].reshape(BLOCKS, -1).mean(axis=1)
+        phases.append(error.mean + rest[:whole].reshape(BLOCKS, -1).mean(axis=1))
+        rate = np.full(BLOCKS, -spin.rate_rad_s)
+        rows.append(np.column_stack([rate, np.ones(BLOCKS), rate * times]))
+    weights = np.ones(len(spins))
+    solution, inverse = np.zeros(3), np.eye(3)
+    for _ in range(DRIFT_ROUNDS):
+        design = np.vstack([row * weight for row, weight in zip(rows, weights, strict=True)])
+        aim = np.concatenate([phase * weight for phase, weight in zip(phases, weights, strict=True)])
+        scale = np.linalg.norm(design, axis=0)
+        inverse = np.linalg.inv((design / scale).T @ (design / scale)) / np.outer(scale, scale)
+        solution = inverse @ (design.T @ aim)
+        left = [phase - row @ solution for row, phase in zip(rows, phases, strict=True)]
+        weights = np.array(
+            [1.0 / max(float(np.sqrt((one**2).sum() / (BLOCKS - 1.5))), 1e-15) for one in left]
+        )
+    residual = np.array(
+        [float(phase.mean() - (row @ solution).mean()) for row, phase in zip(rows, phases, strict=True)]
+    )
+    drift = float(solution[2]), float(np.sqrt(inverse[2, 2]))
+    covariance = np.asarray(inverse[:2, :2], dtype=np.float64)
+    return RollLatency(float(solution[0]), float(solution[1]), covariance, residual, drift)
 
 
 def roll_of_latency_rad(latency_s: float, rate_rad_s: float) -> float:

@@ -1,10 +1,13 @@
 """Profile 'spin': zeros, sensitivity ratio and orthogonality of two magnetometer channels (paper 1, 5.4)."""
 
 # pyright: strict
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.magnetometer_spin import SpinCoefficients, spin_ellipse, spin_min_max
+from calibration.algorithms.roll_error import RollLatency, roll_of_latency_rad
 from calibration.algorithms.screening import NotUsed
 from calibration.evaluations.method_evaluation import (
     Beside,
@@ -16,6 +19,7 @@ from calibration.evaluations.method_evaluation import (
     refused,
     stream_with,
 )
+from calibration.evaluations.spin_roll import SpinRoll, roll_against_stand
 from calibration.records.making import RecordContent, covariance_block
 from calibration.records.record_parts import CalibratedQuantity, Model
 from protocol.language import say
@@ -62,7 +66,12 @@ def evaluate_spin(recordings: tuple[Recording, ...]) -> MethodEvaluation:
         )
     found = spin_ellipse(both[used, 0], both[used, 1])
     paper = spin_min_max(both[used, 0], both[used, 1])
-    result = SensorResult("mag", _content(found, first[-1], second[-1]), recordings, _beside(paper, found))
+    roll = roll_against_stand(recording, dut, axis, found, both, used)
+    content = _content(found, first[-1], second[-1])
+    if roll is not None and roll.latency is not None:
+        content = replace(content, quantities=(*content.quantities, _latency(roll.latency)))
+    beside = (*_beside(paper, found), *_of_roll(roll))
+    result = SensorResult("mag", content, recordings, beside)
     assumptions = [
         say("spin about body {axis}; the field across it is steady", axis="xyz"[axis]),
         say(
@@ -133,6 +142,39 @@ def _content(found: SpinCoefficients, x: str, y: str) -> RecordContent:
             )
         ),
         covariance=(covariance_block(names, covariance),),
+    )
+
+
+def _latency(latency: RollLatency) -> CalibratedQuantity:
+    uncertainty = latency.latency_standard_uncertainty_s
+    return CalibratedQuantity(
+        name="roll_latency", symbol="tau", value=latency.latency_s, unit="s", standard_uncertainty=uncertainty
+    )
+
+
+def _of_roll(roll: SpinRoll | None) -> tuple[Beside, ...]:
+    """Of the corrected roll, against the stand's encoder."""
+    if roll is None:
+        return (Beside(say("error of the roll against the stand's angle"), None, "rad"),)
+    return (
+        Beside(say("spin rate of the error of the roll"), roll.rate_rad_s, "rad/s"),
+        Beside(
+            say("error of the roll at that rate, standard deviation"), roll.error.standard_deviation, "rad"
+        ),
+        Beside(say("of it once a turn: a zero that is wrong"), roll.error.once_per_turn, "rad"),
+        Beside(
+            say("of it twice a turn: ratio or orthogonality that is wrong"), roll.error.twice_per_turn, "rad"
+        ),
+        Beside(
+            say("lag of the roll at that rate by the latency"),
+            None if roll.latency is None else roll_of_latency_rad(roll.latency.latency_s, roll.rate_rad_s),
+            "rad",
+        ),
+        Beside(
+            say("drift of the unit's clock against the stand's, relative"),
+            None if roll.latency is None or roll.latency.clock_drift is None else roll.latency.clock_drift[0],
+            "1",
+        ),
     )
 
 
