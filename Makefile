@@ -5,12 +5,13 @@ BIN := .venv/bin
 STAMP := .venv/.complete
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test style check bench lock clean
+.PHONY: help setup run test style check bench blind lock clean
 
 help:
 	@echo "make run    a whole line on this machine: 24 units, verdicts and yield within a minute"
 	@echo "make test   the tests, under five minutes on two cores"
 	@echo "make check  style, types, import rules, and the long tests (2000 simulated lines, power loss)"
+	@echo "make blind  the gap diagnosis on 400 cases with sealed labels, beside an oracle"
 	@echo "make bench  every figure with its goal, beside the peer measured in the same run"
 
 setup: $(STAMP)
@@ -47,6 +48,9 @@ check: style
 
 bench: setup
 	$(BIN)/python -m benchmarks
+
+blind: setup
+	nice -n 5 $(BIN)/python -m tests.blind
 
 lock:
 	uv lock
