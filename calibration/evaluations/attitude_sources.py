@@ -1,6 +1,7 @@
 """Attitudes that a recording holds: the unit's own, and ours from its gyros and accelerometers."""
 
 # pyright: strict
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -25,6 +26,9 @@ MAX_CONDITION = 100.0
 """Of a stated matrix: beyond it an axis is dead, or two are one."""
 U_SCALE_FACTOR, U_MISALIGNMENT_RAD = 5e-4, 5e-4
 """Standard uncertainties of compensated gyros: what temperature and non-linearity leave."""
+U_WARM_UP_RAD_S, WARM_UP_S = math.radians(0.01), 150.0
+"""Standard uncertainty of what a gyro's bias does while the unit warms up, and how long that takes."""
+WARM_AFTER_S = 600.0
 U_ACC_BIAS_M_S2 = 0.01
 """Standard uncertainty of a compensated accelerometer's bias: 1 mg."""
 U_PASSED_M_S2 = 0.0980665
@@ -108,12 +112,17 @@ def _compensated(recording: Recording, kind: str, output: FloatArray) -> FloatAr
 
 
 def error_sources(recording: Recording) -> AttitudeErrorSources:
-    """Noise as the recording states it, the rest as stated here."""
+    """Noise as the recording states it, the rest as stated here; a unit just powered on warms up."""
     slow = [term for term in slow_noise(recording, "gyro") if np.isfinite(term.correlation_time_s)]
+    deviation = slow[0].standard_deviation if slow else 5e-5
+    lasting_s = slow[0].correlation_time_s if slow else 300.0
+    powered = recording.test.get("power_on_s", 0.0)
+    if not (isinstance(powered, int | float) and powered <= -WARM_AFTER_S):
+        deviation, lasting_s = math.hypot(deviation, U_WARM_UP_RAD_S), WARM_UP_S
     return AttitudeErrorSources(
         angle_random_walk_rad_per_sqrt_s=_density(recording, "gyro", "angle_random_walk", 3e-4),
-        gyro_bias_instability_rad_s=slow[0].standard_deviation if slow else 5e-5,
-        correlation_time_s=slow[0].correlation_time_s if slow else 300.0,
+        gyro_bias_instability_rad_s=deviation,
+        correlation_time_s=lasting_s,
         gyro_scale_factor=U_SCALE_FACTOR,
         gyro_misalignment_rad=U_MISALIGNMENT_RAD,
         accelerometer_bias_m_s2=U_ACC_BIAS_M_S2,

@@ -47,6 +47,7 @@ from calibration.records.attitude_contents import attitude_content, curves_table
 from calibration.site_gravity import gravity
 from protocol.errors import CalibrationError
 from protocol.language import say
+from protocol.mems_ahrs import SampleFlag
 from protocol.recordings import Recording, Stream
 
 PHASE_NAMES = (
@@ -120,7 +121,6 @@ def evaluate_flight(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     not_used: list[NotUsed] = []
     ours = _ours(recording, dut, not_used, needed=not has_own_attitude(dut))
     phase, phase_words = _phases(recording, dut, ours)
-    triggered = recording.test.get("triggered") is not False
     assumptions = [
         say("1 sigma: root mean square of the error about zero, the mounting's part included"),
         say(
@@ -137,22 +137,50 @@ def evaluate_flight(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     if ours is not None:
         attitudes.append((OURS, roll_pitch_yaw_rad(ours.run.quaternion)[:, :2]))
         assumptions += [_words_of_ours(), ours.inertial.sentence]
-    results: list[SensorResult] = []
-    for sensor, angles in attitudes:
-        shift_s = 0.0 if triggered else _shift_s(dut.time_s(), angles, reference)
-        error = wrapped_rad(angles - reference.at(dut.time_s() - shift_s))
-        usable = np.asarray(np.isfinite(error).all(axis=1), dtype=np.bool_)
-        _note_missing(recording, sensor, usable, not_used)
-        result = _result(sensor, recordings, dut.time_s(), error, phase, usable, ours)
-        if not triggered:
-            words = say("lag and clock offset together, taken out of the errors")
-            result = replace(result, beside=(*result.beside, Beside(words, shift_s, "s")))
-        results.append(result)
-    if not triggered:
+    results = [
+        result
+        for sensor, angles in attitudes
+        if (result := _sensor_result(sensor, recordings, dut, angles, reference, phase, ours, not_used))
+    ]
+    if recording.test.get("triggered") is False:
         assumptions.append(
             say("no trigger joins the clocks: their offset and the unit's lag are taken out together")
         )
     return method_evaluation(recordings, results, assumptions, not_used)
+
+
+def _sensor_result(
+    sensor: str,
+    recordings: tuple[Recording, ...],
+    dut: Stream,
+    angles: FloatArray,
+    reference: _Reference,
+    phase: NDArray[np.str_],
+    ours: _Ours | None,
+    not_used: list[NotUsed],
+) -> SensorResult | None:
+    """Of one attitude (n, 2); None where the unit never levelled its own, and ours is there instead."""
+    (recording,) = recordings
+    triggered = recording.test.get("triggered") is not False
+    shift_s = 0.0 if triggered else _shift_s(dut.time_s(), angles, reference)
+    error = wrapped_rad(angles - reference.at(dut.time_s() - shift_s))
+    usable = np.asarray(np.isfinite(error).all(axis=1), dtype=np.bool_)
+    _note_missing(recording, sensor, usable, not_used)
+    if sensor == OWN:
+        usable &= _aligned(recording, dut, not_used)
+        if not usable.any():
+            if ours is not None:
+                return None
+            raise refused(
+                recording,
+                "The unit never said that it was aligned, and ours cannot be had from its output.",
+                "leave it at rest before it moves, and calibrate its accelerometers",
+            )
+    result = _result(sensor, recordings, dut.time_s(), error, phase, usable, ours)
+    if triggered:
+        return result
+    words = say("lag and clock offset together, taken out of the errors")
+    return replace(result, beside=(*result.beside, Beside(words, shift_s, "s")))
 
 
 def _words_of_ours() -> str:
@@ -265,6 +293,19 @@ def _running_mean(values: FloatArray, size: int) -> FloatArray:
     return (total[last] - total[first]) / (last - first)[:, None]
 
 
+def _aligned(recording: Recording, dut: Stream, not_used: list[NotUsed]) -> NDArray[np.bool_]:
+    """(n,) whether the unit says that its attitude has been levelled, where its product says so."""
+    if recording.unit.get("product") != "mems_ahrs" or "flags" not in dut.columns:
+        return np.ones(len(dut), dtype=np.bool_)
+    aligned = (np.asarray(dut.columns["flags"], dtype=np.int64) & int(SampleFlag.ALIGNED)) != 0
+    if not aligned.any():
+        not_used.append(NotUsed(OWN, len(dut), say("the unit never said that it was aligned")))
+    elif not aligned.all():
+        why = say("before the unit says that it is aligned")
+        not_used.append(NotUsed(OWN, int((~aligned).sum()), why))
+    return np.asarray(aligned, dtype=np.bool_)
+
+
 def _note_missing(
     recording: Recording, sensor: str, usable: NDArray[np.bool_], not_used: list[NotUsed]
 ) -> None:
@@ -291,13 +332,13 @@ def _result(
 ) -> SensorResult:
     of_reference = math.hypot(U_REFERENCE_RAD, U_MOUNTING_RAD)
     roll, pitch = (figures_by_phase(error[:, k], phase, usable) for k in (0, 1))
-    both = (("roll", roll), ("pitch", pitch))
+    both = (("roll angle", roll), ("pitch angle", pitch))
     numbers = np.array([PHASE_NAMES.index(name) if name in PHASE_NAMES else -1 for name in phase.tolist()])
     curves = {
         "time": ("s", time_s[usable]),
         "roll_error": ("rad", error[usable, 0]),
         "pitch_error": ("rad", error[usable, 1]),
-        "phase": ("1", numbers[usable].astype(np.float64)),
+        "phase_number": ("1", numbers[usable].astype(np.float64)),
     }
     beside = [
         Beside(say("roll in flight, paper 2 (1 sigma)"), PAPER_ROLL_DEG, "deg"),
@@ -328,10 +369,11 @@ def _result(
             ),
             Beside(say("part of the time with open gates"), float(ours.run.gates_open.mean()), "1"),
         ]
-    numbered = "; ".join(
-        f"{PHASE_NAMES.index(one)}: {one.replace('_', ' ')}" for one in roll if one in PHASE_NAMES
+    content = attitude_content(
+        roll,
+        pitch,
+        of_reference,
+        {name: number for number, name in enumerate(PHASE_NAMES)},
+        (curves_table("errors_over_time", curves),),
     )
-    table = curves_table("errors_over_time", f"phases by number: {numbered}", **curves)
-    return SensorResult(
-        sensor, attitude_content(roll, pitch, of_reference, (table,)), recordings, tuple(beside)
-    )
+    return SensorResult(sensor, content, recordings, tuple(beside))

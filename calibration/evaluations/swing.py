@@ -53,6 +53,8 @@ U_TRIGGER_S = 2e-6
 """Standard uncertainty of the common edge."""
 U_G_SENSITIVITY_RAD_S_PER_G = math.radians(0.005)
 """Standard uncertainty of each element of a MEMS gyro's, where the recording does not compensate it."""
+LEAST_LAG_S = 1e-7
+"""Of a contribution that is worth a row."""
 ANGLES = ("angle_outer", "angle_middle", "angle_inner")
 CYCLES_SHOWN = 2.0
 
@@ -220,6 +222,7 @@ def _result(
             f"g-sensitivity of the gyro along {axis}", "rad/s", U_G_SENSITIVITY_RAD_S_PER_G, lag_per_unit
         )
         for axis, lag_per_unit in found.lag_per_error.items()
+        if abs(lag_per_unit) * U_G_SENSITIVITY_RAD_S_PER_G > LEAST_LAG_S
     ]
     content = swing_content(found, [*of_trigger, *of_gyro], triggered, (_curves(samples, found),))
     return SensorResult(sensor, content, recordings, _beside(found, triggered))
@@ -241,10 +244,12 @@ def _curves(samples: SwingSamples, found: SwingResult) -> RecordTable:
     stand = np.interp(time_s, samples.stand_time_s, samples.stand_angle_rad)
     return curves_table(
         "swing",
-        time=("s", time_s - begin_s),
-        angle_of_stand=("rad", stand),
-        angle_of_unit=("rad", unit - float(np.mean(unit - stand))),
-        residual=("rad", found.error_rad[shown]),
+        {
+            "time": ("s", time_s - begin_s),
+            "stand_angle": ("rad", stand),
+            "unit_angle": ("rad", unit - float(np.mean(unit - stand))),
+            "residual": ("rad", found.error_rad[shown]),
+        },
     )
 
 

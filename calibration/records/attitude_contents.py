@@ -26,6 +26,8 @@ from calibration.records.record_parts import (
 LAG, LAG_AND_OFFSET, CLOCK_DRIFT = "lag", "lag_and_clock_offset", "clock_drift"
 SWING_EQUATION = "y(t) = c + (1 + s) theta(t - tau - d t) + e(t)"
 MOST_ROWS = 600
+MIN_INDEPENDENT_SAMPLES = 5.0
+"""Below, a 1 sigma is so lopsided that a standard uncertainty says nothing."""
 
 
 @dataclass(frozen=True)
@@ -47,29 +49,7 @@ def swing_content(
     """Lag (with the clocks' offset where nothing joins them), scale factor error, attitude error left."""
     name, symbol = (LAG, "tau") if triggered else (LAG_AND_OFFSET, "tau_o")
     freedom = float(result.cycles - 2)
-    rows = [
-        RecordedBudgetRow(
-            quantity="scatter of the cycles",
-            estimate=result.lag_s,
-            unit="s",
-            standard_uncertainty=_of_t(result.lag_scatter_uncertainty_s, freedom),
-            distribution="t",
-            sensitivity=1.0,
-            degrees_of_freedom=freedom,
-        ),
-        *(
-            RecordedBudgetRow(
-                quantity=one.quantity,
-                estimate=0.0,
-                unit=one.unit,
-                standard_uncertainty=one.standard_uncertainty,
-                distribution="normal",
-                sensitivity=one.sensitivity,
-            )
-            for one in contributions
-        ),
-    ]
-    budget = RecordedBudget(result=name, rows=tuple(rows))
+    budget = RecordedBudget(result=name, rows=_lag_rows(result, contributions, freedom))
     drift = _of_t(math.sqrt(float(result.covariance[1, 1])), freedom)
     scale = _of_t(math.sqrt(float(result.covariance[2, 2])), freedom)
     return RecordContent(
@@ -114,6 +94,33 @@ def swing_content(
     )
 
 
+def _lag_rows(
+    result: SwingResult, contributions: Sequence[LagContribution], freedom: float
+) -> tuple[RecordedBudgetRow, ...]:
+    return (
+        RecordedBudgetRow(
+            quantity="scatter of the cycles",
+            estimate=result.lag_s,
+            unit="s",
+            standard_uncertainty=_of_t(result.lag_scatter_uncertainty_s, freedom),
+            distribution="t",
+            sensitivity=1.0,
+            degrees_of_freedom=freedom,
+        ),
+        *(
+            RecordedBudgetRow(
+                quantity=one.quantity,
+                estimate=0.0,
+                unit=one.unit,
+                standard_uncertainty=one.standard_uncertainty,
+                distribution="normal",
+                sensitivity=one.sensitivity,
+            )
+            for one in contributions
+        ),
+    )
+
+
 def _of_t(uncertainty: float, freedom: float) -> float:
     """Standard deviation of the t distribution (JCGM 101:2008, 6.4.9.2); of two degrees: as of three."""
     return uncertainty * math.sqrt(max(freedom, 3.0) / (max(freedom, 3.0) - 2.0))
@@ -128,17 +135,18 @@ def _covariance(name: str, result: SwingResult, of_lag: float, freedom: float) -
 def sigma_quantity(
     name: str, symbol: str, figure: ErrorFigure, of_reference: float = 0.0
 ) -> CalibratedQuantity:
-    """A 1 sigma with its standard uncertainty and the interval that its few independent samples leave."""
+    """A 1 sigma with the interval that its independent samples leave; where they are few, that alone."""
     lower, upper = figure.interval(COVERAGE_PROBABILITY, of_reference)
     nu = figure.independent_samples
+    enough = nu >= MIN_INDEPENDENT_SAMPLES
     return CalibratedQuantity(
         name=name,
         symbol=symbol,
         value=figure.sigma,
         unit="rad",
-        standard_uncertainty=figure.standard_uncertainty(of_reference),
-        degrees_of_freedom=nu,
-        coverage_factor=coverage_factor(nu),
+        standard_uncertainty=figure.standard_uncertainty(of_reference) if enough else None,
+        degrees_of_freedom=nu if enough else None,
+        coverage_factor=coverage_factor(nu if enough else None),
         interval=Interval(lower=lower, upper=upper, probability=COVERAGE_PROBABILITY),
     )
 
@@ -147,9 +155,10 @@ def attitude_content(
     roll: Mapping[str, ErrorFigure],
     pitch: Mapping[str, ErrorFigure],
     of_reference_rad: float,
+    numbers: Mapping[str, int],
     tables: Sequence[RecordTable],
 ) -> RecordContent:
-    """1 sigma of roll and pitch, overall first, then phase by phase."""
+    """1 sigma of roll and pitch, overall first, then phase by phase; `numbers`: of phases, as drawn."""
     phases = [OVERALL, *(name for name in roll if name != OVERALL)]
     quantities = [
         sigma_quantity(f"{angle}_error_{phase}", "", figures[phase], of_reference_rad)
@@ -159,7 +168,7 @@ def attitude_content(
     rows = [(angle, phase, figures[phase]) for phase in phases for angle, figures in _both(roll, pitch)]
     by_phase = RecordTable(
         name="errors_by_phase",
-        row_names=tuple(f"{angle}, {phase.replace('_', ' ')}" for angle, phase, _ in rows),
+        row_names=tuple(f"{angle}, {_numbered(phase, numbers)}" for angle, phase, _ in rows),
         columns=(
             _column("root_mean_square", "rad", [one.sigma for _, _, one in rows]),
             _column("mean", "rad", [one.mean for _, _, one in rows]),
@@ -176,20 +185,24 @@ def attitude_content(
     )
 
 
+def _numbered(phase: str, numbers: Mapping[str, int]) -> str:
+    words = phase.replace("_", " ")
+    return f"{words} ({numbers[phase]})" if phase in numbers else words
+
+
 def _both(
     roll: Mapping[str, ErrorFigure], pitch: Mapping[str, ErrorFigure]
 ) -> tuple[tuple[str, Mapping[str, ErrorFigure]], ...]:
     return (("roll", roll), ("pitch", pitch))
 
 
-def curves_table(name: str, note: str = "", **columns: tuple[str, FloatArray]) -> RecordTable:
+def curves_table(name: str, columns: Mapping[str, tuple[str, FloatArray]]) -> RecordTable:
     """Curves for a plot: name → (unit, values), the abscissa first; thinned evenly to `MOST_ROWS`."""
     rows = max(len(values) for _, values in columns.values())
     chosen = np.unique(np.linspace(0, rows - 1, min(rows, MOST_ROWS)).round().astype(int))
     return RecordTable(
         name=name,
         columns=tuple(_column(word, unit, values[chosen]) for word, (unit, values) in columns.items()),
-        note=note,
     )
 
 
