@@ -63,7 +63,7 @@ def _table(result: SensorResult, results: int) -> Table:
 def _value(one: CalibratedQuantity) -> str:
     bounds = "" if one.interval is None else f" [{one.interval.lower:.4g} … {one.interval.upper:.4g}]"
     if one.standard_uncertainty is None:
-        return say("not determined") + bounds
+        return f"{one.value:.3g}, " + say("not determined") + bounds
     return gum(one.value, one.standard_uncertainty) + bounds
 
 
