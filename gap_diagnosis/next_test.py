@@ -22,7 +22,7 @@ import numpy as np
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.planned_tests import PlannedTest, planned_tests
-from gap_diagnosis.predicted_columns import ChannelNoise, Hypothesis, PredictedColumns, noise_distance
+from gap_diagnosis.predicted_columns import Hypothesis, OutputNoise, PredictedColumns, noise_distance
 from protocol.errors import Fault, TestloomError
 
 LEAST_BITS = 0.005
@@ -70,7 +70,7 @@ class NextTest:
 def next_test(
     product: str,
     hypotheses: Sequence[Hypothesis],
-    noise: Mapping[Channel, ChannelNoise],
+    noise: Mapping[Channel, OutputNoise],
     stand_kind: str = "",
     progress: Callable[[float], None] | None = None,
 ) -> NextTest | None:
@@ -139,7 +139,7 @@ def _separated(
 def _distances(
     test: PlannedTest,
     hypotheses: Sequence[Hypothesis],
-    noise: Mapping[Channel, ChannelNoise],
+    noise: Mapping[Channel, OutputNoise],
     stand_kind: str,
 ) -> FloatArray:
     """(k, k) δ²_ij: i is true, j the rival whose parameters are free."""

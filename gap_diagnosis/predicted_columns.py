@@ -31,7 +31,7 @@ _SHORT = 1e-3
 
 
 @dataclass(frozen=True)
-class ChannelNoise:
+class OutputNoise:
     """Noise of one channel. `range_si`: inputs beyond it are not measured."""
 
     white_si_per_sqrt_hz: float
@@ -40,11 +40,11 @@ class ChannelNoise:
     range_si: float = math.inf
 
     @staticmethod
-    def of(output: SensorOutput) -> "ChannelNoise":
+    def of(output: SensorOutput) -> "OutputNoise":
         """As an observation believes it; a slow level without a correlation time is IEEE 952's B."""
         belief = output.noise
         slow = belief.slow_deviation_si or COEFFICIENT_TO_DEVIATION * (belief.slow_coefficient_si or 0.0)
-        return ChannelNoise(
+        return OutputNoise(
             belief.white_si_per_sqrt_hz or 0.0,
             slow,
             belief.slow_correlation_time_s or USUAL_CORRELATION_TIME_S,
@@ -114,7 +114,7 @@ class PredictedColumns:
                 precision.append(known[name] ** -2 if known.get(name, 0.0) > 0 else 0.0)
         return places, np.array(precision)
 
-    def gram(self, channel: Channel, noise: ChannelNoise) -> FloatArray:
+    def gram(self, channel: Channel, noise: OutputNoise) -> FloatArray:
         """(columns, columns) of one channel after whitening, without what a recalibration takes away."""
         mine = [number for number, (sensor, _) in enumerate(self._columns) if sensor == channel.sensor]
         gram = np.zeros((len(self), len(self)))
@@ -174,7 +174,7 @@ class PredictedColumns:
 
 
 def noise_distance(
-    test: PlannedTest, one: Hypothesis, other: Hypothesis, noise: Mapping[Channel, ChannelNoise]
+    test: PlannedTest, one: Hypothesis, other: Hypothesis, noise: Mapping[Channel, OutputNoise]
 ) -> float:
     """8 times the Bhattacharyya distance of two noises, from their Allan variances at octaves."""
     if not any(effect.stochastic for effect in (*one.effects, *other.effects)):
@@ -206,7 +206,7 @@ def _added_variance(
     return added
 
 
-def _whitened_gram(values: FloatArray, noise: ChannelNoise, period_s: float) -> FloatArray:
+def _whitened_gram(values: FloatArray, noise: OutputNoise, period_s: float) -> FloatArray:
     """(n, m) → (m, m): means of stretches by Kalman innovations, what differs from them as white noise."""
     length = -(-len(values) // BLOCKS)
     rest = len(values) % length
@@ -217,7 +217,7 @@ def _whitened_gram(values: FloatArray, noise: ChannelNoise, period_s: float) -> 
     return white.T @ white + (inside.T @ inside) * (period_s / noise.white_si_per_sqrt_hz**2)
 
 
-def _innovations(values: FloatArray, noise: ChannelNoise, row_s: float) -> FloatArray:
+def _innovations(values: FloatArray, noise: OutputNoise, row_s: float) -> FloatArray:
     """Kalman innovations over their standard deviations, begun in the slow noise's stationary state."""
     white = noise.white_si_per_sqrt_hz**2 / row_s
     slow = noise.slow_deviation_si**2

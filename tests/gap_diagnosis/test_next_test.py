@@ -7,14 +7,14 @@ from dut_emulator.effects.catalogue import effect_named
 from gap_diagnosis.next_test import NextTest, next_test
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.planned_tests import planned_tests
-from gap_diagnosis.predicted_columns import ChannelNoise, Hypothesis
+from gap_diagnosis.predicted_columns import Hypothesis, OutputNoise
 from protocol.errors import TestloomError
 
 DEG, G = np.pi / 180, 9.80665
 WHITE = 0.2 * DEG / 60
 SLOW = 5 * DEG / 3600
-GYROS = {Channel("gyro", axis): ChannelNoise(WHITE, SLOW, 300.0) for axis in range(3)}
-FOG = {Channel("gyro", 2): ChannelNoise(0.01 * DEG / 60, 0.3 * DEG / 3600, 300.0)}
+GYROS = {Channel("gyro", axis): OutputNoise(WHITE, SLOW, 300.0) for axis in range(3)}
+FOG = {Channel("gyro", 2): OutputNoise(0.01 * DEG / 60, 0.3 * DEG / 3600, 300.0)}
 
 
 def candidate(name, sensor="gyro", chance=0.5, known=None, **parameters):
@@ -39,7 +39,7 @@ def test_distance_of_a_shape_from_nothing_is_its_energy_over_the_noise_after_rec
         "mems_ahrs",
         candidate("gyro.even_nonlinearity", square=(square, 0.0, 0.0)),
         Hypothesis((), 0.5),
-        noise={Channel("gyro", 0): ChannelNoise(WHITE)},
+        noise={Channel("gyro", 0): OutputNoise(WHITE)},
     )
     (worth,) = [one for one in found.all_ranked if one.test.profile == "rate_staircase"]
     times = np.arange(0.0, worth.test.duration_s, 1 / 50)
@@ -60,7 +60,7 @@ def test_slow_noise_hides_a_slow_shape_as_much_as_its_covariance_says():
         "rate_gyro_triad",
         candidate("gyro.warm_up", amplitude_si=(0.02 * DEG, 0, 0), time_constant_s=40.0),
         Hypothesis((), 0.5),
-        noise={Channel("gyro", 0): ChannelNoise(WHITE, slow, 100.0)},
+        noise={Channel("gyro", 0): OutputNoise(WHITE, slow, 100.0)},
     )
     worth = next(
         one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 120.0
@@ -99,7 +99,7 @@ def test_two_levels_of_white_noise_are_told_by_the_number_of_samples():
         "fog",
         candidate("gyro.angle_random_walk", density_si_per_sqrt_hz=(0.0, 0.0, more)),
         Hypothesis((), 0.5),
-        noise={Channel("gyro", 2): ChannelNoise(WHITE)},
+        noise={Channel("gyro", 2): OutputNoise(WHITE)},
     )
     worth = next(
         one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 120.0
@@ -181,5 +181,5 @@ def test_a_channel_without_known_noise_is_refused():
         next_test(
             "fog",
             [Hypothesis((), 0.5), candidate("gyro.warm_up", amplitude_si=(0, 0, 1e-5))],
-            {Channel("gyro", 0): ChannelNoise(0.0)},
+            {Channel("gyro", 0): OutputNoise(0.0)},
         )
