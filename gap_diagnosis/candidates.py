@@ -25,9 +25,7 @@ from protocol.errors import TestloomError
 
 CONSTANT = frozenset({"misalignment", "scale_factor_error", "bias", "hard_iron", "soft_iron"})
 """Constants that every mount is recalibrated for: they are nuisances, not gaps."""
-ABSORBED = frozenset(
-    {"remount_misalignment", "non_orthogonality", "rate_scale_factor", "cross_axis_sensitivity"}
-)
+ABSORBED = frozenset({"remount_misalignment", "rate_scale_factor", "cross_axis_sensitivity"})
 """Constants too, of one unit at one mount; several units or mounts tell them (`cohort`)."""
 SEEN_OTHERWISE = frozenset(
     {"frame_loss", "duplicate_frames", "counter_wrap", "timestamp_jitter", "quantization", "aliasing"}
@@ -93,7 +91,8 @@ def excitation_of(observations: Sequence[Observation]) -> Excitation:
     temperature = np.concatenate(told) if told else np.zeros(1)
     largest: dict[SensorName, float] = {}
     for one in observations:
-        for sensor, output in one.outputs.items():
+        for sensor in one.outputs:
+            output = one.outputs[sensor]
             values = output.values_si[np.isfinite(output.values_si)]
             if len(values):
                 largest[sensor] = max(largest.get(sensor, 0.0), float(np.abs(values).max()))
@@ -174,7 +173,7 @@ def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterato
         yield {"relative_rate": DRIFT}
     elif word == "saturation":
         for sensor, largest in seen.largest_si.items():
-            if name == f"{sensor}.saturation":
+            if name == f"{sensor}.saturation" and largest > 0.0:
                 yield {"range_si": 0.999 * largest}
     elif word == "chamber_lag":
         for tau in CHAMBER_LAGS_S:
@@ -213,6 +212,20 @@ def regressors(effect: CatalogueEffect, stimulus: Stimulus) -> dict[str, FloatAr
         return {scalar.name: change / scalar.value}
     except TestloomError:
         return None
+
+
+def has_shape(trial: Trial) -> bool:
+    """Whether the trial's effects have a number that a search must find: a held one, or a curve's place."""
+    return any(type(e).scanned or not isinstance(e, LinearEffect) for e in trial.effects)
+
+
+def is_neighbour(trial: Trial, other: Trial) -> bool:
+    """Whether two trials are of one effect and differ in a number of their shape alone."""
+    return trial.name == other.name and all(
+        getattr(one, "axis", None) == getattr(two, "axis", None)
+        and getattr(one, "harmonic", None) == getattr(two, "harmonic", None)
+        for one, two in zip(trial.effects, other.effects, strict=True)
+    )
 
 
 def refined_trials(trial: Trial, factor: float) -> list[Trial]:

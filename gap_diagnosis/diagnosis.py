@@ -11,30 +11,40 @@ remainder    what it leaves: if that is not noise, the diagnosis abstains
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gap_diagnosis.attribution import Attribution, attribute
-from gap_diagnosis.candidates import Trial, trials_for
+from gap_diagnosis.candidates import Trial, has_shape, trials_for
 from gap_diagnosis.decimation import decimated
-from gap_diagnosis.fitting import JointFit, fit_set
+from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
 from gap_diagnosis.observation import Channel, Observation, TimingFinding
 from gap_diagnosis.observing import observe
 from gap_diagnosis.outcome import Findings, report_of
-from gap_diagnosis.prepared import Prepared, prepare
+from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.report import GapReport
-from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, projected, scan, search
+from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
+from gap_diagnosis.whitened import ChannelSystem, NullNoise
 from protocol.errors import Fault, TestloomError
 from protocol.recordings import Recording
 
 NULLS = 200
 SEED = 20260101
 """Of the simulated nulls: the same recordings give the same report."""
-NOISE_NAMES = {"gyro": "gyro.bias_instability", "acc": "acc.bias_instability", "mag": "mag.bias_instability"}
+NOISES = {
+    "gyro.bias_instability": (0, 2),
+    "gyro.rate_random_walk": (1,),
+    "acc.bias_instability": (0, 1, 2),
+    "mag.bias_instability": (0, 1, 2),
+}
+"""Slow noise of the catalogue → shapes of `noise_model.shapes_for` that it may have."""
+SHARPENINGS = 2
+SHARP_SIGNAL = 7.0
+"""From this whitened signal-to-noise ratio on, a shape between two of the grid's is worth a search of its own."""
 CERTAIN_LOG_RATIO = 12.0
 """A timing finding counts from this log likelihood ratio on."""
 SEEN_BY_TIMING = frozenset(
@@ -103,30 +113,74 @@ def diagnose_observations(
     scanned = scan(systems, prepared.design, data_only=False)
     located = localise(prepared, systems, scanned)
     progress("which", 0.6)
-    noises = [
-        SlowExcess(name, {channel: 0.0 for channel in systems if channel.sensor == sensor})
-        for sensor, name in NOISE_NAMES.items()
-        if name not in without and any(channel.sensor == sensor for channel in systems)
-    ]
+    noises = _noises(systems, without)
     found = search(systems, prepared.design, noises)
+    searched = prepared
+    for _ in range(SHARPENINGS):
+        sharper = _sharper_trials(observations, searched, found)
+        if not sharper:
+            break
+        searched = prepare(
+            observations,
+            [*searched.design.trials, *sharper],
+            0,
+            rng,
+            cells=False,
+            known_noise=prepared.noise,
+        )
+        systems = searched.systems()
+        found = search(systems, searched.design, noises)
     best = next((one for one in found.sets if one.causes), None)
     fit = held = None
     left: Remainder | None = None
     if best is not None:
         progress("how large", 0.7)
-        fit = fit_set(observations, prepared, best.causes)
-        noisy = frozenset(c for cause in best.causes if cause.trial < 0 for c in cause.channels)
+        fit = fit_set(observations, searched, best.causes)
+        noisy = noisy_channels(best.causes)
         if fit is not None:
             progress("held out", 0.8)
             held = hold_out(fit, noisy)
         progress("what is left", 0.9)
         left = remainder(observations, prepared, fit, best.causes, nulls, rng)
-    attribution = attribute(found, systems, prepared.design, fit)
+    attribution = attribute(found, systems, searched.design, fit)
     timing = _certain(observations, without)
     progress("report", 0.95)
     return report_of(
         Findings(prepared, located, found, attribution, fit, held, left.located if left else None, timing)
     )
+
+
+def _sharper_trials(observations: Sequence[Observation], searched: Prepared, found: Search) -> list[Trial]:
+    """The shapes of the best set where they lie between the grid's, for effects that are clear enough."""
+    best = found.sets[0]
+    shaped = [
+        cause for cause in best.causes if cause.trial >= 0 and has_shape(searched.design.trials[cause.trial])
+    ]
+    if not shaped:
+        return []
+    fit = fit_set(observations, searched, best.causes)
+    if fit is None:
+        return []
+    clear = {one.name for one in fit.effects if one.signal > SHARP_SIGNAL}
+    known = set(searched.design.trials)
+    return [
+        trial
+        for trial in fit.prepared.design.trials
+        if trial.name in clear and has_shape(trial) and trial not in known
+    ]
+
+
+def _noises(systems: Mapping[Channel, ChannelSystem], without: frozenset[str]) -> list[SlowExcess]:
+    """Slow noises of the catalogue on the triads that have a belief to go beyond."""
+    found: list[SlowExcess] = []
+    for name, shapes in NOISES.items():
+        sensor = name.split(".")[0]
+        channels = frozenset(
+            c for c, one in systems.items() if c.sensor == sensor and one.believed < len(one.log_weight)
+        )
+        if channels and name not in without:
+            found.append(SlowExcess(name, channels, shapes))
+    return found
 
 
 def _certain(observations: Sequence[Observation], without: frozenset[str]) -> tuple[TimingFinding, ...]:
@@ -161,7 +215,11 @@ def remainder(
 ) -> Remainder:
     """Cells and noise again, data and nulls alike without the set's refined columns."""
     trials: list[Trial] = [] if fit is None else list(fit.prepared.design.trials)
-    again = prepare(observations, trials, nulls, rng, known_noise=prepared.noise)
+    systems = prepared.systems()
+    noise = dict(prepared.noise)
+    for channel, shapes in noisy_channels(causes).items():
+        noise[channel] = _as_noisy(noise[channel], beyond_belief(systems[channel], shapes), rng)
+    again = prepare(observations, trials, nulls, rng, known_noise=noise)
     systems = again.systems()
     for number, cause in enumerate(fit.causes if fit is not None else ()):
         blocks = tuple(
@@ -175,6 +233,19 @@ def remainder(
             systems = projected(systems, again.design, cause)
     nothing = Scan({"": np.zeros(nulls + 1)}, np.zeros((0, nulls + 1)), {})
     return Remainder(localise(again, systems, nothing))
+
+
+def _as_noisy(noise: ChannelNoise, beyond: ChannelSystem, rng: np.random.Generator) -> ChannelNoise:
+    """The channel with nulls as noisy as the data are likely to be; `beyond`: levels above the belief."""
+    score = beyond.log_likelihood[:, 0]
+    shape = int(beyond.shape[int(np.argmax(score))])
+    weight = np.where(beyond.shape == shape, np.exp(score - score.max()), 0.0)
+    numbers = np.flatnonzero((np.arange(len(noise.levels)) >= noise.levels.believed))
+    numbers = numbers[np.isin(noise.levels.shape[numbers], beyond.shape)]
+    drawn = rng.choice(
+        noise.levels.level_si[numbers], size=len(noise.nulls.level_si), p=weight / weight.sum()
+    )
+    return dataclasses.replace(noise, nulls=NullNoise(drawn, shape))
 
 
 __all__ = ["Attribution", "Channel", "HeldOut", "Search", "diagnose", "diagnose_observations"]

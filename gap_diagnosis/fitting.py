@@ -1,11 +1,12 @@
 # pyright: strict
-"""The parameters of a set of effects: shapes refined between the grid's points, amplitudes with covariance."""
+"""The parameters of a set of effects: shapes refined between grid points, amplitudes with covariance."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect, LinearEffect
 from dut_emulator.effects.effect import FloatArray
@@ -20,6 +21,7 @@ from gap_diagnosis.whitened import ChannelSystem
 
 REFINING_FACTORS = (1.3, 1.3, 1.12, 1.12, 1.05, 1.02)
 RELINEARISATIONS = 4
+SMALLEST_STEP = 0.2
 SETTLED = 1e-3
 
 
@@ -84,7 +86,7 @@ def fit_set(
     acting = [cause for cause in causes if cause.trial >= 0]
     if not acting:
         return None
-    noisy = frozenset(channel for cause in causes if cause.trial < 0 for channel in cause.channels)
+    noisy = noisy_channels(causes)
     trials = [prepared.design.trials[cause.trial] for cause in acting]
     wanted = [frozenset(cause.channels) for cause in acting]
     current = _fitted(observations, trials, wanted, prepared.noise, noisy)
@@ -98,7 +100,7 @@ def _refined(
     trials: list[Trial],
     wanted: Sequence[frozenset[Channel]],
     noise: Mapping[Channel, ChannelNoise],
-    noisy: frozenset[Channel],
+    noisy: Mapping[Channel, tuple[int, ...]],
     number: int,
     current: JointFit,
 ) -> tuple[list[Trial], JointFit]:
@@ -136,11 +138,8 @@ def _relinearised(trial: Trial, current: JointFit) -> Trial | None:
             continue
         (scalar,) = scalars(found[0], free_only=True)
         (before,) = scalars(effect, free_only=True)
-        value = (
-            scalar.value
-            if math.copysign(1.0, scalar.value) == math.copysign(1.0, before.value)
-            else 0.3 * before.value
-        )
+        forward = scalar.value * before.value > (SMALLEST_STEP * before.value) ** 2
+        value = scalar.value if forward else SMALLEST_STEP * before.value
         effects.append(with_values(effect, {scalar.name: value}))
     return Trial(trial.name, tuple(effects)) if effects else None
 
@@ -150,7 +149,7 @@ def _fitted(
     trials: Sequence[Trial],
     wanted: Sequence[frozenset[Channel]],
     noise: Mapping[Channel, ChannelNoise],
-    noisy: frozenset[Channel],
+    noisy: Mapping[Channel, tuple[int, ...]],
 ) -> JointFit:
     every: frozenset[Channel] = frozenset().union(*wanted)
     prepared = prepare(
@@ -181,12 +180,17 @@ def _fitted(
     )
 
 
+def noisy_channels(causes: Sequence[Cause]) -> dict[Channel, tuple[int, ...]]:
+    """Channels whose slow noise is a cause: channel → its shapes."""
+    return {channel: cause.shapes for cause in causes if cause.trial < 0 for channel in cause.channels}
+
+
 def systems_with(
-    prepared: Prepared, noisy: frozenset[Channel], recordings: Sequence[int] | None = None
+    prepared: Prepared, noisy: Mapping[Channel, tuple[int, ...]], recordings: Sequence[int] | None = None
 ) -> dict[Channel, ChannelSystem]:
     """Systems in which the slow noise of some channels is beyond the belief."""
     return {
-        channel: beyond_belief(system) if channel in noisy else system
+        channel: beyond_belief(system, noisy[channel]) if channel in noisy else system
         for channel, system in prepared.systems(recordings).items()
     }
 
@@ -246,7 +250,7 @@ def _effects(
     """One for each triad that a cause acts on."""
     design = prepared.design
     found: list[FittedEffect] = []
-    for number, cause in enumerate(causes):
+    for number in range(len(causes)):
         for effect in design.trials[number].effects:
             mine = [
                 i
@@ -297,17 +301,18 @@ def _effect(
         )
         gram = system.gram[likely][np.ix_(index - NUISANCES, index - NUISANCES)]
         signal += float(a @ gram @ a)
-        rms[channel] = _rms_added(prepared, channel, index, a)
+        rms[channel] = rms_added(prepared, channel, index, a)
     name = design.trials[places[mine[0]][0]].name
     return FittedEffect(
         with_values(effect, kept), name, tuple(parts), tuple(parameters), math.sqrt(max(signal, 0.0)), rms
     )
 
 
-def _rms_added(prepared: Prepared, channel: Channel, index: FloatArray, amplitude: FloatArray) -> float:
+def rms_added(prepared: Prepared, channel: Channel, index: NDArray[np.int64], amplitude: FloatArray) -> float:
+    """Of what columns add to a channel over all recordings, bias and matrix of each taken off, SI."""
     square, count = 0.0, 0
     for matrix in prepared.design.channels[channel].matrices.values():
-        added = matrix[:, index.astype(np.int64)] @ amplitude
+        added = matrix[:, index] @ amplitude
         nuisances = matrix[:, :NUISANCES]
         gram = nuisances.T @ nuisances
         gram[np.diag_indices_from(gram)] += 1e-9 * (1.0 + np.diag(gram))

@@ -1,13 +1,14 @@
 # pyright: strict
 """What a set of effects gains on data that it was not fitted to, and how far it closes the gap there.
 
-Held out is a recording; with a single one, contiguous stretches of it ('within run'). The nuisances are
+Held out is a recording. With a single one, or where only one shows the effect, it is every second of
+contiguous stretches of a run ('within run'). The nuisances are
 recalibrated on the held-out part, as a user would do; the effects are not.
 """
 
-import itertools
+import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +17,12 @@ from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.design import ChannelDesign, Design
 from gap_diagnosis.evidence import STEPS_OF_DATA, Terms, log_sum_exp, profile
 from gap_diagnosis.fitting import JointFit, joint_terms, level_weights, systems_with
-from gap_diagnosis.noise_model import knots_for
+from gap_diagnosis.noise_model import Knots, knots_for
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.prepared import ChannelNoise, Prepared
-from gap_diagnosis.whitened import RecordingMoments, moments
+from gap_diagnosis.whitened import NullNoise, RecordingMoments, moments
 
-PARTS_OF_A_RUN = 5
+STRETCHES = 24
 BOOTSTRAPS = 400
 GAIN_SIGMAS = 2.0
 
@@ -56,52 +57,69 @@ class HeldOut:
     folds: tuple[Fold, ...]
     within_run: bool
 
+    def sigmas(self, cause: int) -> float:
+        """How clearly the held-out parts show an effect at the amplitudes of the others.
+
+        Without the effect the gain 2 aᵀc − aᵀGa has the mean −aᵀGa and the deviation 2 √(aᵀGa).
+        """
+        signal = sum(float(fold.cause_signal[cause]) for fold in self.folds)
+        gain = sum(float(fold.by_cause[cause]) for fold in self.folds)
+        return (gain + signal) / (2.0 * math.sqrt(signal)) if signal > 0.0 else 0.0
+
     def gains(self, cause: int) -> bool:
         """Whether an effect gains more than chance: by more than two standard errors."""
-        gain = sum(float(fold.by_cause[cause]) for fold in self.folds)
-        variance = 4.0 * sum(float(fold.cause_signal[cause]) for fold in self.folds)
-        return gain > GAIN_SIGMAS * math.sqrt(max(variance, 1e-300))
+        return self.sigmas(cause) > GAIN_SIGMAS
 
 
-def hold_out(fit: JointFit, noisy: frozenset[Channel]) -> HeldOut:
-    """Each recording, or each stretch of a single one, against the amplitudes of the others."""
-    prepared = fit.prepared
-    recordings = sorted({i for by in prepared.moments.values() for i in by})
-    within = len(recordings) == 1
-    labels = {i: prepared.observations[i].recording_id for i in recordings}
-    if within:
-        prepared, labels = _in_parts(prepared, PARTS_OF_A_RUN)
-        recordings = sorted(labels)
+def hold_out(fit: JointFit, noisy: Mapping[Channel, tuple[int, ...]]) -> HeldOut:
+    """Each recording against the others' amplitudes; stretches of one where only one shows an effect."""
+    recordings = sorted({i for by in fit.prepared.moments.values() for i in by})
+    if len(recordings) > 1:
+        labels = {i: fit.prepared.observations[i].recording_id for i in recordings}
+        held = HeldOut(_folds(fit, fit.prepared, labels, noisy), within_run=False)
+        if all(held.gains(number) for number in range(len(fit.causes))):
+            return held
+    parted, labels = _in_stretches(fit.prepared)
+    within = HeldOut(_folds(fit, parted, labels, noisy), within_run=True)
+    return within
+
+
+def _folds(
+    fit: JointFit, prepared: Prepared, labels: Mapping[int, str], noisy: Mapping[Channel, tuple[int, ...]]
+) -> tuple[Fold, ...]:
+    groups: dict[str, list[int]] = {}
+    for index, label in labels.items():
+        groups.setdefault(label, []).append(index)
     folds: list[Fold] = []
-    for out in recordings:
-        training = systems_with(prepared, noisy, [i for i in recordings if i != out])
-        testing = systems_with(prepared, noisy, [out])
+    for label, out in groups.items():
+        training = systems_with(prepared, noisy, [i for i in labels if i not in out])
+        testing = systems_with(prepared, noisy, out)
         places, terms = joint_terms(training, prepared.design, fit.causes)
         tested = joint_terms(testing, prepared.design, fit.causes)[1]
         if not terms or not tested:
             continue
         _, amplitude = profile(terms, STEPS_OF_DATA)
         causes = np.array([number for number, _, _ in places])
-        rows = sum(by[out].rows for by in prepared.moments.values() if out in by)
-        folds.append(_fold(labels[out], tested, amplitude[0, 0], causes, len(fit.causes), rows))
-    return HeldOut(tuple(folds), within)
+        rows = sum(by[i].rows for by in prepared.moments.values() for i in out if i in by)
+        folds.append(_fold(label, tested, amplitude[0, 0], causes, len(fit.causes), rows))
+    return tuple(folds)
 
 
 def _fold(
     label: str, tested: Sequence[Terms], amplitude: FloatArray, causes: FloatArray, count: int, rows: int
 ) -> Fold:
-    gain = _gain(tested, amplitude)
+    gain = gain_at(tested, amplitude)
     by_cause = np.zeros(count)
     cause_signal = np.zeros(count)
     for number in range(count):
         without = np.where(causes == number, 0.0, amplitude)
-        by_cause[number] = gain - _gain(tested, without)
-        cause_signal[number] = _signal(tested, amplitude - without)
+        by_cause[number] = gain - gain_at(tested, without)
+        cause_signal[number] = signal_at(tested, amplitude - without)
     own, _ = profile(tested, STEPS_OF_DATA)
     return Fold(
         label,
         gain,
-        _signal(tested, amplitude),
+        signal_at(tested, amplitude),
         by_cause,
         cause_signal,
         float(own[0, 0]) - len(amplitude),
@@ -109,7 +127,8 @@ def _fold(
     )
 
 
-def _gain(terms: Sequence[Terms], amplitude: FloatArray) -> float:
+def gain_at(terms: Sequence[Terms], amplitude: FloatArray) -> float:
+    """2 ln of the likelihoods with these amplitudes and without."""
     total = 0.0
     for term in terms:
         linear = amplitude @ term.cross[0, :, :, 0].T
@@ -119,44 +138,52 @@ def _gain(terms: Sequence[Terms], amplitude: FloatArray) -> float:
     return 2.0 * total
 
 
-def _signal(terms: Sequence[Terms], amplitude: FloatArray) -> float:
+def signal_at(terms: Sequence[Terms], amplitude: FloatArray) -> float:
+    """aᵀ G a, the square of the whitened signal-to-noise ratio."""
     return sum(
         float(amplitude @ np.tensordot(level_weights(term, amplitude), term.gram[0], 1) @ amplitude)
         for term in terms
     )
 
 
-def _in_parts(prepared: Prepared, count: int) -> tuple[Prepared, dict[int, str]]:
-    """Each channel's rows cut into contiguous stretches that count as recordings of one mount."""
+def _in_stretches(prepared: Prepared) -> tuple[Prepared, dict[int, str]]:
+    """Every recording as two: its odd and its even stretches. Each has a bias of its own."""
     rng = np.random.default_rng(0)
+    nothing = np.zeros(0)
     channels: dict[Channel, ChannelDesign] = {}
     statistics: dict[Channel, dict[int, RecordingMoments]] = {}
     noises: dict[Channel, ChannelNoise] = {}
-    (recording,) = {i for by in prepared.moments.values() for i in by}
-    one = prepared.observations[recording]
     for channel, design in prepared.design.channels.items():
         noise = prepared.noise[channel]
-        use, matrix = design.rows[recording], design.matrices[recording]
-        residual = one.outputs[channel.sensor].residual_si[use, channel.axis]
-        time_s = one.stimulus.time_s[use]
-        cuts = np.linspace(0, len(residual), count + 1).astype(np.int64)
-        split = {k: slice(int(a), int(b)) for k, (a, b) in enumerate(itertools.pairwise(cuts)) if b - a > 8}
-        shape = noise.knots[recording].shape
-        knots = {k: knots_for(time_s[s], shape) for k, s in split.items()}
-        white = dict.fromkeys(split, noise.white_si[recording])
-        nothing = np.zeros(0)
-        statistics[channel] = {
-            k: moments(matrix[s], residual[s], knots[k], white[k], nothing, rng) for k, s in split.items()
-        }
-        channels[channel] = ChannelDesign(
-            channel, {k: matrix[s] for k, s in split.items()}, {}, design.scales
+        matrices: dict[int, FloatArray] = {}
+        knots: dict[int, Knots] = {}
+        white: dict[int, float] = {}
+        statistics[channel] = {}
+        for recording, matrix in design.matrices.items():
+            one, use = prepared.observations[recording], design.rows[recording]
+            residual = one.outputs[channel.sensor].residual_si[use, channel.axis]
+            time_s = one.stimulus.time_s[use]
+            stretch = np.arange(len(residual)) * STRETCHES // len(residual)
+            for half in (0, 1):
+                index, mine = 2 * recording + half, stretch % 2 == half
+                matrices[index], white[index] = matrix[mine], noise.white_si[recording]
+                knots[index] = knots_for(time_s[mine], noise.knots[recording].shapes)
+                statistics[channel][index] = moments(
+                    matrix[mine], residual[mine], knots[index], white[index], NullNoise(nothing), rng
+                )
+        channels[channel] = ChannelDesign(channel, matrices, {}, design.scales)
+        noises[channel] = dataclasses.replace(
+            noise, white_si=white, knots=knots, nulls=NullNoise(nothing), null_log_white_ratios=nothing
         )
-        noises[channel] = ChannelNoise(
-            white, noise.belief, noise.log_white_ratio, noise.levels, knots, nothing, nothing
-        )
+    twice = tuple(one for one in prepared.observations for _ in range(2))
+    labels = {index: say_half(index % 2) for by in statistics.values() for index in by}
     design = Design(prepared.design.trials, channels, prepared.design.blocks)
-    labels = {k: f"{one.recording_id}, part {k + 1} of {count}" for k in range(count)}
-    return Prepared((one,) * count, design, noises, statistics), labels
+    return Prepared(twice, design, noises, statistics), labels
+
+
+def say_half(half: int) -> str:
+    """Name of a half in the report."""
+    return ("odd stretches of each run", "even stretches of each run")[half]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,3 @@
-# pyright: strict
 """The noise of a channel as the evidence sees it: white of a known level, and slow noise of an unknown one.
 
 Slow noise s is a process on knots with piecewise linear values between them: C_λ = σ² I + λ² B S Bᵀ, B the
@@ -10,21 +9,26 @@ what the belief allows are kept apart: they make the evidence for too much slow 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Any
 
 import numpy as np
-from scipy import sparse
+from numpy.typing import NDArray
+from scipy import sparse  # pyright: ignore[reportMissingTypeStubs]
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.observation import NoiseBelief
 
 LEVEL_SIGMAS = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 """Nodes of the log-normal prior of the slow level, in its standard deviations."""
-EXCESS_FACTORS = (1.0, 1.8, 3.2, 5.8, 10.0, 18.0, 32.0)
+EXCESS_FACTORS = (1.5, 2.8, 5.5, 11.0, 25.0)
 """Levels above the highest believed node, as shares of it."""
+QUICKER, SLOWER = 0.2, 20.0
+"""Correlation times of noise beyond the belief: of the believed one, and of the longest record."""
 UNKNOWN_RATIOS = tuple(float(ratio) for ratio in np.geomspace(1e-4, 1.0, len(LEVEL_SIGMAS)))
 """Where nothing is believed of slow noise: its level as shares of the white noise of one row."""
-KNOTS_PER_TIME = 6.0
+BELIEVED_TIMES, BELIEVED_SHARES = (1 / 2.2, 1.0, 2.2), (0.12, 0.76, 0.12)
+"""'One term or a few about that time' (recording.md): a mixture that is right enough for both."""
+KNOTS_PER_TIME = 4.0
 MAX_KNOTS = 240
 FLICKER_RATIO = 4.0
 MIN_KNOT_STEP_S = 1.0
@@ -58,8 +62,8 @@ def slow_shape(belief: NoiseBelief, longest_s: float, row_s: float) -> SlowShape
     variance B² / π per unit of ln τ. Where nothing is believed the shape is the same.
     """
     if belief.slow_deviation_si is not None and belief.slow_correlation_time_s:
-        tau = belief.slow_correlation_time_s
-        return SlowShape((1.0,), (tau,), belief.slow_deviation_si, belief.slow_spread)
+        times = tuple(belief.slow_correlation_time_s * ratio for ratio in BELIEVED_TIMES)
+        return SlowShape(BELIEVED_SHARES, times, belief.slow_deviation_si, belief.slow_spread)
     shortest = max(MIN_KNOT_STEP_S, 4.0 * row_s)
     count = max(2, math.ceil(math.log(3.0 * longest_s / shortest) / math.log(FLICKER_RATIO)))
     times = tuple(shortest * FLICKER_RATIO**k for k in range(count))
@@ -67,14 +71,31 @@ def slow_shape(belief: NoiseBelief, longest_s: float, row_s: float) -> SlowShape
     return SlowShape((share,) * count, times, belief.slow_coefficient_si, belief.slow_spread)
 
 
+def shapes_for(belief: NoiseBelief, longest_s: float, row_s: float) -> tuple[SlowShape, ...]:
+    """The believed shape; where there is a belief also a quicker noise and a random walk, to go beyond it.
+
+    The random walk's level is such that it moves by the believed deviation in a believed correlation time.
+    """
+    believed = slow_shape(belief, longest_s, row_s)
+    if believed.level_si is None:
+        return (believed,)
+    tau = belief.slow_correlation_time_s or 0.1 * longest_s
+    walk_s = SLOWER * longest_s
+    walk = SlowShape((0.5 * walk_s / tau,), (walk_s,), believed.level_si, believed.spread)
+    quick = SlowShape((1.0,), (max(QUICKER * tau, 4.0 * row_s),), believed.level_si, believed.spread)
+    return believed, walk, quick
+
+
 @dataclass(frozen=True)
 class Levels:
     """Levels λ of the slow noise with the logarithm of their prior weight.
 
     The first `believed` of them carry the belief and sum to one; the others are beyond it, and sum to one.
+    `shape`: (h,) which of the shapes.
     """
 
     level_si: FloatArray
+    shape: NDArray[np.int64]
     log_weight: FloatArray
     believed: int
 
@@ -82,18 +103,22 @@ class Levels:
         return len(self.level_si)
 
 
-def levels_of(shape: SlowShape, white_si: float) -> Levels:
+def levels_of(shapes: tuple[SlowShape, ...], white_si: float) -> Levels:
     """Nodes for a channel whose rows have white noise `white_si`."""
+    shape = shapes[0]
     if shape.level_si is None:
         nodes = np.array([ratio * white_si for ratio in UNKNOWN_RATIOS])
-        return Levels(nodes, np.full(len(nodes), -math.log(len(nodes))), len(nodes))
+        alike = np.full(len(nodes), -math.log(len(nodes)))
+        return Levels(nodes, np.zeros(len(nodes), dtype=np.int64), alike, len(nodes))
     sigmas = np.array(LEVEL_SIGMAS)
     believed = shape.level_si * np.exp(shape.spread * sigmas)
     log_weight = -0.5 * sigmas**2
     log_weight -= np.log(np.sum(np.exp(log_weight)))
-    excess = believed[-1] * np.array(EXCESS_FACTORS[1:])
+    excess = np.tile(believed[-1] * np.array(EXCESS_FACTORS), len(shapes))
+    numbers = np.repeat(np.arange(len(shapes)), len(EXCESS_FACTORS))
     return Levels(
         np.concatenate([believed, excess]),
+        np.concatenate([np.zeros(len(believed), dtype=np.int64), numbers]),
         np.concatenate([log_weight, np.full(len(excess), -math.log(len(excess)))]),
         len(believed),
     )
@@ -101,58 +126,52 @@ def levels_of(shape: SlowShape, white_si: float) -> Levels:
 
 @dataclass(frozen=True)
 class Knots:
-    """Slow noise of one channel of one recording, in units of the rows' white noise.
+    """Slow noise of one channel of one recording.
 
     Attributes:
         hats: (n, k) sparse: each row's share of its two neighbouring knots.
         time_s: (k,).
-        shape: of the process.
+        shapes: that the process may have.
     """
 
-    hats: "sparse.csr_matrix"
+    hats: Any
     time_s: FloatArray
-    shape: SlowShape
+    shapes: tuple[SlowShape, ...]
 
     @cached_property
-    def _modes(self) -> tuple[FloatArray, FloatArray]:
-        covariance = self.shape.covariance(self.time_s)
-        root = np.linalg.cholesky(covariance + 1e-9 * covariance[0, 0] * np.eye(len(covariance)))
-        overlap = cast(FloatArray, (self.hats.T @ self.hats).toarray())
-        values, vectors = np.linalg.eigh(root.T @ overlap @ root)
-        return np.maximum(values, 0.0), root @ vectors
+    def modes(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """For each shape: (k,) Λ, the eigenvalues of B S Bᵀ, largest last, and (k, k) the knots' values of
+        each mode, of unit prior variance at level 1."""
+        overlap = np.asarray((self.hats.T @ self.hats).toarray(), dtype=np.float64)
+        found: list[tuple[FloatArray, FloatArray]] = []
+        for shape in self.shapes:
+            covariance = shape.covariance(self.time_s)
+            root = np.linalg.cholesky(covariance + 1e-9 * covariance[0, 0] * np.eye(len(covariance)))
+            values, vectors = np.linalg.eigh(root.T @ overlap @ root)
+            found.append((np.maximum(values, 0.0), root @ vectors))
+        return tuple(found)
 
-    @property
-    def strengths(self) -> FloatArray:
-        """(k,) Λ: B S Bᵀ has these eigenvalues, largest last."""
-        return self._modes[0]
-
-    @property
-    def modes(self) -> FloatArray:
-        """(k, k): knots' values of each mode, of unit prior variance at level 1."""
-        return self._modes[1]
-
-    def seen(self, columns: FloatArray) -> FloatArray:
-        """(k, p): each column's part along each mode. columns (n, p)."""
-        return self.modes.T @ cast(FloatArray, self.hats.T @ columns)
+    def summed(self, columns: FloatArray) -> FloatArray:
+        """(k, p): Bᵀ X of columns (n, p)."""
+        return np.asarray(self.hats.T @ columns, dtype=np.float64)
 
 
-def knots_for(time_s: FloatArray, shape: SlowShape) -> Knots:
+def knots_for(time_s: FloatArray, shapes: tuple[SlowShape, ...]) -> Knots:
     """Knots over the rows' times (n,), increasing."""
     first, last = float(time_s[0]), float(time_s[-1])
     span = max(last - first, 1e-9)
-    step = max(min(shape.correlation_times_s) / KNOTS_PER_TIME, MIN_KNOT_STEP_S, span / (MAX_KNOTS - 1))
+    quickest = min(min(shape.correlation_times_s) for shape in shapes)
+    step = max(quickest / KNOTS_PER_TIME, MIN_KNOT_STEP_S, span / (MAX_KNOTS - 1))
     count = max(2, min(MAX_KNOTS, math.ceil(span / step) + 1))
     knots = np.linspace(first, last, count)
     place = (time_s - first) / (knots[1] - knots[0])
     left = np.clip(place.astype(np.int64), 0, count - 2)
     share = place - left
     rows = np.arange(len(time_s))
-    hats = sparse.csr_matrix(
-        (np.concatenate([1.0 - share, share]), (np.tile(rows, 2), np.concatenate([left, left + 1]))),
-        shape=(len(time_s), count),
-    )
+    values, columns = np.concatenate([1.0 - share, share]), np.concatenate([left, left + 1])
+    hats: Any = sparse.csr_matrix((values, (np.tile(rows, 2), columns)), shape=(len(time_s), count))
     held = np.asarray(hats.sum(axis=0)).ravel() > 0
-    return Knots(hats[:, held], knots[held], shape)
+    return Knots(hats[:, held], knots[held], shapes)
 
 
 BLOCK_ROWS = 32

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from dut_emulator.effects.parameters import scalars
 from gap_diagnosis.attribution import Attribution
 from gap_diagnosis.fitting import FittedEffect, JointFit
@@ -132,7 +130,7 @@ def _where(found: Findings) -> list[dict[str, Any]]:
     """Significant cells; at least the strongest one, with the p of the whole."""
     places: list[dict[str, Any]] = []
     cells = sorted(found.located.cells, key=lambda c: (c.p_adjusted, -abs(c.sigmas)))
-    floor = 1.0 / (len(found.prepared.noise[next(iter(found.prepared.noise))].null_levels) + 1)
+    floor = 1.0 / (len(found.prepared.noise[next(iter(found.prepared.noise))].nulls.level_si) + 1)
     chosen = [c for c in cells if c.p_adjusted < SIGNIFICANT_P][:MAX_PLACES]
     places += [_place(c, c.p_adjusted, c.p_adjusted < floor) for c in chosen]
     for noise in sorted(found.located.noises, key=lambda n: n.p_adjusted):
@@ -171,7 +169,7 @@ def _where(found: Findings) -> list[dict[str, Any]]:
 
 
 def _strongest(found: Findings) -> dict[str, Any]:
-    """A gap that the templates see and no single cell does: the cell where the likeliest effect shows most."""
+    """A gap that templates see and no single cell does: where the likeliest effect shows most."""
     best = found.attribution.best
     channels = {c for cause in best.causes for c in cause.channels} if best is not None else set[Channel]()
     variables = {variable_of(name) for name in best.names} if best is not None else set[str]()
@@ -337,28 +335,30 @@ def _shrinkage(found: Findings) -> Shrinkage | None:
 def _shrinkage_document(found: Findings, shrinkage: Shrinkage | None) -> dict[str, Any] | None:
     if shrinkage is None or found.held is None or found.fit is None:
         return None
-    channels: dict[str, Any] = {}
-    closed = min(max(shrinkage.fraction_closed, 0.0), 1.0)
     by_channel: dict[Channel, float] = {}
     for one in found.fit.effects:
         for channel, rms in one.rms_si.items():
             by_channel[channel] = math.hypot(by_channel.get(channel, 0.0), rms)
-    for channel, rms in by_channel.items():
+    return shrinkage_entry(shrinkage, found.held, by_channel)
+
+
+def shrinkage_entry(shrinkage: Shrinkage, held: HeldOut, rms_si: Mapping[Channel, float]) -> dict[str, Any]:
+    """`shrinkage` of a report. `rms_si`: what the effects change in each channel."""
+    closed = min(max(shrinkage.fraction_closed, 0.0), 1.0)
+    channels: dict[str, Any] = {}
+    for channel, rms in rms_si.items():
         unit, factor = FIELD[channel.sensor]
-        channels[channel.name] = {
-            "before": rms / factor,
-            "after": rms * math.sqrt(1.0 - closed) / factor,
-            "unit": unit,
-        }
+        after = rms * math.sqrt(1.0 - closed)
+        channels[channel.name] = {"before": rms / factor, "after": after / factor, "unit": unit}
     low, high = shrinkage.interval_95
     return {
-        "held_out": [fold.label for fold in found.held.folds],
+        "held_out": [fold.label for fold in held.folds],
         "before": shrinkage.before,
-        "after": max(shrinkage.after, 0.0),
+        "after": shrinkage.after,
         "noise_floor": 1.0,
         "unit": "1 (whitened rms)",
         "fraction_closed": shrinkage.fraction_closed,
-        "ci95": [float(np.clip(low, -1e6, 1e6)), float(high)],
+        "ci95": [low, high],
         "channels": channels,
     }
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial
 from gap_diagnosis.design import INPUT_SCALE, NUISANCES, Design, designed
-from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, slow_shape, white_noise_of_rows
+from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, shapes_for, white_noise_of_rows
 from gap_diagnosis.observation import Channel, NoiseBelief, Observation
-from gap_diagnosis.whitened import ChannelSystem, RecordingMoments, channel_system, moments
+from gap_diagnosis.whitened import ChannelSystem, NullNoise, RecordingMoments, channel_system, moments
 
 SMALLEST_WHITE = 1e-12
 MATRIX_PRIOR = 0.05
@@ -30,7 +30,7 @@ class ChannelNoise:
         log_white_ratio: ln of found over believed density; None where nothing is believed.
         levels: of the slow noise, SI.
         knots: recording → its knots.
-        null_levels: (j,) slow level of each simulated null, SI.
+        nulls: slow noise of each simulated null.
         null_log_white_ratios: (j,).
     """
 
@@ -39,7 +39,7 @@ class ChannelNoise:
     log_white_ratio: float | None
     levels: Levels
     knots: Mapping[int, Knots]
-    null_levels: FloatArray
+    nulls: NullNoise
     null_log_white_ratios: FloatArray
 
 
@@ -72,9 +72,8 @@ class Prepared:
             if not chosen:
                 continue
             noise = self.noise[channel]
-            levels = {i: noise.levels.level_si / noise.white_si[i] for i in chosen}
             prior_si = MATRIX_PRIOR * INPUT_SCALE[channel.sensor]
-            found[channel] = channel_system(chosen, self.mounts, levels, noise.levels, prior_si)
+            found[channel] = channel_system(chosen, self.mounts, noise.white_si, noise.levels, prior_si)
         return found
 
 
@@ -112,7 +111,7 @@ def prepare(
                 residual,
                 noise[channel].knots[i],
                 noise[channel].white_si[i],
-                noise[channel].null_levels[:nulls] / noise[channel].white_si[i],
+                NullNoise(noise[channel].nulls.level_si[:nulls], noise[channel].nulls.shape),
                 rng,
             )
             for i, residual in residuals.items()
@@ -152,14 +151,15 @@ def _noise_of(
         period = observations[first].sample_period_s
         rounding = output.quantum_si**2 / 12.0 * period
         ratio = 0.5 * math.log(max(density**2 - rounding, 1e-4 * density**2) / belief.white_si_per_sqrt_hz**2)
-    shape = slow_shape(belief, longest_s, max(periods.values()))
-    levels = levels_of(shape, next(iter(white.values())))
+    shapes = shapes_for(belief, longest_s, max(periods.values()))
+    shape = shapes[0]
+    levels = levels_of(shapes, next(iter(white.values())))
     if shape.level_si is None:
         null_levels = rng.choice(levels.level_si, size=nulls)
     else:
         null_levels = shape.level_si * np.exp(shape.spread * rng.standard_normal(nulls))
     knots = {
-        i: knots_for(observations[i].stimulus.time_s[use], shape) for i, use in rows.items() if use.any()
+        i: knots_for(observations[i].stimulus.time_s[use], shapes) for i, use in rows.items() if use.any()
     }
     null_ratios = belief.white_spread * rng.standard_normal(nulls)
-    return ChannelNoise(white, belief, ratio, levels, knots, null_levels, null_ratios)
+    return ChannelNoise(white, belief, ratio, levels, knots, NullNoise(null_levels), null_ratios)

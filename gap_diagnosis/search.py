@@ -1,8 +1,8 @@
-# pyright: strict
 """Which effects explain the residual: every single one, then pairs and triples on top of the best.
 
 An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all
-subsets alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, π = 0.2 / effects.
+subsets alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, with
+π = 0.2 / effects.
 A set is built by adding effects to the best smaller ones, whose own columns are then projected out: each
 addition is a search for a single effect in what is left.
 """
@@ -11,8 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
+from gap_diagnosis.candidates import is_neighbour
 from gap_diagnosis.design import NUISANCES, Block, Design
 from gap_diagnosis.evidence import (
     STEPS_OF_DATA,
@@ -37,13 +39,11 @@ PROJECTION_RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class SlowExcess:
-    """Slow noise beyond the belief, as a cause: its levels take the place of the believed ones.
-
-    `log_bayes_factor`: of each channel that it may be on.
-    """
+    """Slow noise beyond the belief, as a cause: its levels take the place of the believed ones."""
 
     name: str
-    by_channel: Mapping[Channel, float]
+    channels: frozenset[Channel]
+    shapes: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,14 @@ class Cause:
         trial: index; −1 for noise.
         blocks: indices of those that take part; noise has none.
         channels: that it changes.
+        shapes: of slow noise, where it is one.
     """
 
     name: str
     trial: int
     blocks: tuple[int, ...]
     channels: tuple[Channel, ...]
+    shapes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -146,17 +148,21 @@ def _cause(
 def projected(
     systems: Mapping[Channel, ChannelSystem], design: Design, cause: Cause
 ) -> dict[Channel, ChannelSystem]:
-    """The systems with a cause's columns summed over; a noise puts its levels in place of the believed."""
+    """The systems with a cause's columns summed over; a noise puts its levels in place of the believed.
+
+    The neighbouring shapes of the cause's grid go with it: else what lies between two of them would look like
+    another effect.
+    """
     changed = dict(systems)
     if cause.trial < 0:
         for channel in cause.channels:
-            changed[channel] = beyond_belief(systems[channel])
+            changed[channel] = beyond_belief(systems[channel], cause.shapes)
         return changed
     for channel in cause.channels:
         place = sorted(
             {
                 int(i) - NUISANCES
-                for b in cause.blocks
+                for b in _with_neighbours(design, cause)
                 for i in design.blocks[b].columns.get(channel, np.array([], dtype=np.int64))
                 if i >= 0
             }
@@ -165,16 +171,39 @@ def projected(
     return changed
 
 
-def beyond_belief(system: ChannelSystem) -> ChannelSystem:
-    """The levels above the believed ones take their place."""
-    first = system.believed
+def _with_neighbours(design: Design, cause: Cause) -> list[int]:
+    """The cause's blocks, and those of the same scalars in the trials beside its own."""
+    trial = design.trials[cause.trial]
+    beside = [
+        other
+        for other in (cause.trial - 1, cause.trial + 1)
+        if 0 <= other < len(design.trials) and is_neighbour(trial, design.trials[other])
+    ]
+    mine = {(design.blocks[b].effect.sensor, design.blocks[b].scalars) for b in cause.blocks}
+    near = [
+        number
+        for number, block in enumerate(design.blocks)
+        if block.trial in beside and (block.effect.sensor, block.scalars) in mine
+    ]
+    return [*cause.blocks, *near]
+
+
+def beyond_belief(system: ChannelSystem, shapes: Sequence[int]) -> ChannelSystem:
+    """The levels above the believed ones, of some shapes, take their place."""
+    kept = _beyond(system, shapes)
     return ChannelSystem(
-        system.gram[first:],
-        system.cross[first:],
-        system.log_likelihood[first:],
-        system.log_weight[first:],
-        len(system.log_weight) - first,
+        system.gram[kept],
+        system.cross[kept],
+        system.log_likelihood[kept],
+        system.log_weight[kept] - log_sum_exp(system.log_weight[kept], 0),
+        len(kept),
+        system.shape[kept],
     )
+
+
+def _beyond(system: ChannelSystem, shapes: Sequence[int]) -> NDArray[np.int64]:
+    numbers = np.arange(len(system.log_weight))
+    return np.flatnonzero((numbers >= system.believed) & np.isin(system.shape, shapes))
 
 
 def _without_columns(system: ChannelSystem, place: Sequence[int]) -> ChannelSystem:
@@ -190,7 +219,9 @@ def _without_columns(system: ChannelSystem, place: Sequence[int]) -> ChannelSyst
     gram[:, :, place] = 0.0
     cross[:, place] = 0.0
     gain = 0.5 * np.sum(system.cross[:, place] * solved_cross, axis=1)
-    return ChannelSystem(gram, cross, system.log_likelihood + gain, system.log_weight, system.believed)
+    return ChannelSystem(
+        gram, cross, system.log_likelihood + gain, system.log_weight, system.believed, system.shape
+    )
 
 
 @dataclass(frozen=True)
@@ -263,21 +294,22 @@ def _additions(
     ]
     excessive = {channel for cause in base.causes if cause.trial < 0 for channel in cause.channels}
     for noise in noises:
-        there = [channel for channel in noise.by_channel if channel in left and channel not in excessive]
+        there = sorted(noise.channels & left.keys() - excessive, key=lambda channel: channel.name)
         if noise.name in held or not there:
             continue
-        each = np.array([[excess_of(left[channel])] for channel in there])
+        each = np.array([[excess_of(left[channel], noise.shapes)] for channel in there])
         acting = [c for c, value in zip(there, each[:, 0], strict=True) if value > 0.0]
         chosen = acting or [there[int(np.argmax(each[:, 0]))]]
-        cause = Cause(noise.name, -1, (), tuple(chosen))
+        cause = Cause(noise.name, -1, (), tuple(chosen), noise.shapes)
         found.append(CauseSet((*base.causes, cause), base.log_bayes_factor + float(_any_of(each)[0])))
     return found
 
 
-def excess_of(system: ChannelSystem, column: int = 0) -> float:
-    """ln of how much likelier the levels beyond the belief are than the believed ones."""
-    weighted = system.log_likelihood[:, column] + system.log_weight
-    first = system.believed
-    if first >= len(weighted):
+def excess_of(system: ChannelSystem, shapes: Sequence[int]) -> float:
+    """ln of how much likelier levels beyond the belief, of some shapes, are than the believed ones."""
+    kept = _beyond(system, shapes)
+    if not len(kept):
         return -np.inf
-    return float(log_sum_exp(weighted[first:], 0) - log_sum_exp(weighted[:first], 0))
+    weighted = system.log_likelihood[:, 0] + system.log_weight
+    believed = float(log_sum_exp(weighted[: system.believed], 0))
+    return float(log_sum_exp(weighted[kept], 0) - log_sum_exp(system.log_weight[kept], 0)) - believed

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.design import NUISANCES
@@ -23,25 +24,31 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
+class NullNoise:
+    """Slow noise of simulated nulls: (j,) levels, and which shape."""
+
+    level_si: FloatArray
+    shape: int = 0
+
+
+@dataclass(frozen=True)
 class RecordingMoments:
     """One channel of one recording, divided by its white noise: amplitudes stay in SI per scaled column.
 
     Attributes:
         gram: (p, p) XᵀX.
-        seen: (k, p) Zᵀ X along the modes of the slow noise.
-        strengths: (k,) Λ.
+        summed: (k, p) Bᵀ X, on the knots of the slow noise.
         cross: (p, j) Xᵀ r: column 0 is the data, the others are simulated nulls.
-        seen_cross: (k, j) Zᵀ r.
-        square: rᵀ r of the data.
+        summed_cross: (k, j) Bᵀ r.
+        knots: shapes of the slow noise, their modes Z = B m.
         rows: n.
     """
 
     gram: FloatArray
-    seen: FloatArray
-    strengths: FloatArray
+    summed: FloatArray
     cross: FloatArray
-    seen_cross: FloatArray
-    square: float
+    summed_cross: FloatArray
+    knots: Knots
     rows: int
 
 
@@ -55,6 +62,7 @@ class ChannelSystem:
         log_likelihood: (h, j) of no effect, but for a constant.
         log_weight: (h,) prior of the levels.
         believed: the first so many levels carry the belief.
+        shape: (h,) which shape of slow noise a level is of.
     """
 
     gram: FloatArray
@@ -62,6 +70,7 @@ class ChannelSystem:
     log_likelihood: FloatArray
     log_weight: FloatArray
     believed: int
+    shape: NDArray[np.int64]
 
 
 def moments(
@@ -69,68 +78,77 @@ def moments(
     residual: FloatArray,
     knots: Knots,
     white_si: float,
-    null_levels: FloatArray,
+    nulls: NullNoise,
     rng: np.random.Generator,
 ) -> RecordingMoments:
-    """Statistics of the data and of a simulated null for each of `null_levels` (in units of white noise).
+    """Statistics of the data and of simulated nulls.
 
     matrix (n, p), residual (n,) in SI, `white_si` the standard deviation of a row's white noise.
     """
     gram = matrix.T @ matrix / white_si**2
-    seen = knots.seen(matrix) / white_si
+    summed = knots.summed(matrix) / white_si
     scaled = residual / white_si
-    cross, seen_cross = matrix.T @ scaled / white_si, knots.seen(scaled[:, np.newaxis])
-    drawn, seen_drawn = _nulls(gram, seen, knots, null_levels, rng)
+    cross, summed_cross = matrix.T @ scaled / white_si, knots.summed(scaled[:, np.newaxis])
+    drawn, summed_drawn = _nulls(gram, summed, knots, nulls, white_si, rng)
     return RecordingMoments(
         gram=gram,
-        seen=seen,
-        strengths=knots.strengths,
+        summed=summed,
         cross=np.concatenate([cross[:, np.newaxis], drawn], axis=1),
-        seen_cross=np.concatenate([seen_cross, seen_drawn], axis=1),
-        square=float(scaled @ scaled),
+        summed_cross=np.concatenate([summed_cross, summed_drawn], axis=1),
+        knots=knots,
         rows=len(residual),
     )
 
 
 def _nulls(
-    gram: FloatArray, seen: FloatArray, knots: Knots, levels: FloatArray, rng: np.random.Generator
+    gram: FloatArray,
+    summed: FloatArray,
+    knots: Knots,
+    nulls: NullNoise,
+    white_si: float,
+    rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
-    """Xᵀn (p, j) and Zᵀn (k, j) of noise alone, white plus slow of each level.
+    """Xᵀn (p, j) and Bᵀn (k, j) of noise alone, white plus slow of each level.
 
     Along the modes white noise has the covariance ZᵀZ = diag(Λ); given it, Xᵀw is normal with mean
-    seenᵀ Λ⁻¹ Zᵀw and what is left of XᵀX as covariance.
+    (Zᵀ X)ᵀ Λ⁻¹ Zᵀw and what is left of XᵀX as covariance. Bᵀ = m⁻ᵀ Zᵀ.
     """
-    strengths = knots.strengths
+    count = len(nulls.level_si)
+    if not count:
+        return np.zeros((len(gram), 0)), np.zeros((len(summed), 0))
+    strengths, modes = knots.modes[nulls.shape]
+    seen = modes.T @ summed
     held = strengths > 1e-9 * max(float(strengths[-1]), 1e-300)
-    along = rng.standard_normal((len(strengths), len(levels))) * np.sqrt(strengths)[:, np.newaxis]
+    along = rng.standard_normal((len(strengths), count)) * np.sqrt(strengths)[:, np.newaxis]
     share = np.zeros_like(seen)
     share[held] = seen[held] / strengths[held, np.newaxis]
     left = gram - share.T @ seen
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     left /= scale[:, np.newaxis] * scale
     left = 0.5 * (left + left.T)
-    left[np.diag_indices_from(left)] += 1e-8
+    left[np.diag_indices_from(left)] += 1e-11
     try:
         root = np.linalg.cholesky(left)
     except np.linalg.LinAlgError:  # columns that repeat each other, to rounding
         values, vectors = np.linalg.eigh(left)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
-    white = scale[:, np.newaxis] * (root @ rng.standard_normal((len(gram), len(levels)))) + share.T @ along
-    slow = rng.standard_normal((len(strengths), len(levels))) * levels
-    return white + seen.T @ slow, along + strengths[:, np.newaxis] * slow
+    white = scale[:, np.newaxis] * (root @ rng.standard_normal((len(gram), count))) + share.T @ along
+    slow = rng.standard_normal((len(strengths), count)) * (nulls.level_si / white_si)
+    along = along + strengths[:, np.newaxis] * slow
+    return white + seen.T @ slow, np.linalg.solve(modes.T, along)
 
 
 def channel_system(
     by_recording: Mapping[int, RecordingMoments],
     mounts: Sequence[str],
-    levels: Mapping[int, FloatArray],
+    white_si: Mapping[int, float],
     of: Levels,
     matrix_prior_si: float,
 ) -> ChannelSystem:
     """Recordings of one channel together.
 
-    levels: recording → (h,) in units of its own white noise; matrix_prior_si: standard deviation of the
-    matrix's columns as they are scaled.
+    white_si: recording → its white noise; matrix_prior_si: standard deviation of the matrix's columns as
+    they are scaled.
     """
     parts: dict[str, list[int]] = {}
     for index in by_recording:
@@ -139,7 +157,7 @@ def channel_system(
     for group in parts.values():
         mount_gram = mount_cross = 0.0
         for index in group:
-            one_gram, one_cross, one_likelihood = _of_recording(by_recording[index], levels[index])
+            one_gram, one_cross, one_likelihood = _of_recording(by_recording[index], of, white_si[index])
             mount_gram = mount_gram + one_gram
             mount_cross = mount_cross + one_cross
             likelihood = likelihood + one_likelihood
@@ -148,20 +166,30 @@ def channel_system(
         )
         gram, cross, likelihood = gram + inner_gram, cross + inner_cross, likelihood + of_matrix
     return ChannelSystem(
-        np.asarray(gram), np.asarray(cross), np.asarray(likelihood), of.log_weight, of.believed
+        np.asarray(gram), np.asarray(cross), np.asarray(likelihood), of.log_weight, of.believed, of.shape
     )
 
 
-def _of_recording(one: RecordingMoments, levels: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of_recording(
+    one: RecordingMoments, of: Levels, white_si: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At each level, the bias of the run projected out: (h, p − 1, p − 1), (h, p − 1, j), (h, j)."""
-    weights = levels[:, np.newaxis] ** 2 / (1.0 + levels[:, np.newaxis] ** 2 * one.strengths)
-    log_determinant = np.sum(np.log1p(levels[:, np.newaxis] ** 2 * one.strengths), axis=1)
-    root = np.sqrt(weights)[:, :, np.newaxis] * one.seen
-    gram = one.gram - np.swapaxes(root, 1, 2) @ root
-    cross = one.cross - one.seen.T @ (weights[:, :, np.newaxis] * one.seen_cross)
-    explained = np.sum(weights[:, :, np.newaxis] * one.seen_cross**2, axis=1)
+    gram = np.empty((len(of), *one.gram.shape))
+    cross = np.empty((len(of), *one.cross.shape))
+    likelihood = np.empty((len(of), one.cross.shape[1]))
+    for shape, (strengths, modes) in enumerate(one.knots.modes):
+        seen, seen_cross = modes.T @ one.summed, modes.T @ one.summed_cross
+        for level in np.flatnonzero(of.shape == shape):
+            square = (of.level_si[level] / white_si) ** 2
+            weights = square / (1.0 + square * strengths)
+            weighted = weights[:, np.newaxis] * seen_cross
+            root = np.sqrt(weights)[:, np.newaxis] * seen
+            gram[level] = one.gram - root.T @ root
+            cross[level] = one.cross - seen.T @ weighted
+            explained = np.sum(seen_cross * weighted, axis=0)
+            likelihood[level] = 0.5 * (explained - np.sum(np.log1p(square * strengths)))
     inner_gram, inner_cross, of_bias = _without(gram, cross, 1, RIDGE * float(one.gram[0, 0]))
-    return inner_gram, inner_cross, 0.5 * (explained - log_determinant[:, np.newaxis]) + of_bias
+    return inner_gram, inner_cross, likelihood + of_bias
 
 
 def _without(
