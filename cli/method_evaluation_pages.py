@@ -19,6 +19,7 @@ PROFILE_WORDS = {
     "sweep": "sine sweep: gain, delay, lag, bandwidth",
     "tumble": "tumble in gravity: g-sensitivity, quadratic term of the accelerometers",
     "thermal_positions": "soaks on a thermal turntable over the matrix of room temperature (paper 2)",
+    "warm_up": "warm-up in steady air: thermal network, cooling scheme (paper 2)",
     "temperature_ramp": "ramps of temperature both ways: bias, hysteresis, what follows dT/dt (IEEE 952)",
     "spin": "spin in a steady field: zeros, sensitivity ratio, orthogonality (paper 1)",
     "hand_tumble": "turned all ways in one field: hard and soft iron (ellipsoid)",

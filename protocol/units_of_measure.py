@@ -46,6 +46,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "degC/min": ("temperature_rate", 1 / 60),
     "V": ("voltage", 1.0),
     "mV": ("voltage", 1e-3),
+    "W": ("power", 1.0),
+    "J": ("energy", 1.0),
     "A": ("current", 1.0),
     "mA": ("current", 1e-3),
     "ohm": ("resistance", 1.0),

@@ -12,7 +12,7 @@ not proportional to a temperature difference is left out.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,6 +31,7 @@ MAX_LOG_UNCERTAINTY = 1.0
 SETTLED_PART = 0.05
 """A warm-up is near steady when this part of the rise is still missing."""
 BOUNDARY_SIGMAS = 2.0
+_LOG_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,23 @@ class ThermalNetwork:
     def conductance_standard_uncertainty(self) -> FloatArray:
         """u(G), shape (e,), W/K."""
         return self.conductance_w_k * np.sqrt(np.diag(self.log_covariance)[len(self.nodes) :])
+
+    def figures(self, power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """C, G, steady rises and the settling time in one vector (2 n + e + 1,), SI, and its covariance.
+
+        The derived figures' part is by central differences in ln C, ln G; its rank is that of C and G.
+        """
+        logs = np.log(np.r_[self.capacity_j_k, self.conductance_w_k])
+
+        def at(parameters: FloatArray) -> FloatArray:
+            capacity, conductance = np.split(np.exp(parameters), [len(self.nodes)])
+            other = replace(self, capacity_j_k=capacity, conductance_w_k=conductance)
+            rise, _ = other.steady_rise_k(power_w)
+            return np.concatenate([capacity, conductance, rise, [other.settling_s(power_w)]])
+
+        steps = _LOG_STEP * np.eye(len(logs))
+        jacobian = np.stack([(at(logs + h) - at(logs - h)) / (2.0 * _LOG_STEP) for h in steps], axis=1)
+        return at(logs), jacobian @ self.log_covariance @ jacobian.T
 
     def steady_rise_k(self, power_w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rise above ambient in the end, shape (n,), K, and its standard uncertainty: inv(L) P."""

@@ -102,6 +102,14 @@ def _temperature(say: Say) -> MethodWords:
     )
 
 
+def _thermal_network(say: Say) -> MethodWords:
+    return MethodWords(
+        say("switched on in steady air: heat capacities and conductances fitted to the nodes' temperatures"),
+        say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, section 2.1"),
+        (say("the paper's simulated and measured rises are two sets of figures, and are told apart."),),
+    )
+
+
 def _temperature_ramp(say: Say) -> MethodWords:
     return MethodWords(
         say("at rest while the temperature ramps down and up: bias, hysteresis, what follows dT/dt"),
@@ -215,6 +223,7 @@ _METHODS = {
     "temperature": _temperature,
     "temperature_compensation": _temperature,
     "temperature_ramp": _temperature_ramp,
+    "thermal_network": _thermal_network,
     "magnetometer": _magnetometer,
     "allan": _allan,
     "allan_variance": _allan,

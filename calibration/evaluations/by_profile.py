@@ -8,8 +8,11 @@ rate_staircase scale factor, linearity, asymmetry, geometry of gyros     (IEEE 9
 sweep          gain, delay, lag, bandwidth of gyros                      (IEEE 528)
 tumble         g-sensitivity of gyros, quadratic term of accelerometers  (IEEE 952, 1293)
 thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 2)
+warm_up            thermal network and cooling scheme                   (paper 2)
 temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
 hand_tumble    hard and soft iron; so is every recording of a magnetometer alone
+thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 2)
+temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
 swing          lag and attitude error against a turntable                (paper 2)
 flight         errors of roll and pitch by phase, as vehicle_run          (paper 2)
@@ -34,6 +37,7 @@ from calibration.evaluations.swing import evaluate_swing
 from calibration.evaluations.temperature_ramp import evaluate_temperature_ramp
 from calibration.evaluations.thermal_positions import evaluate_thermal_positions
 from calibration.evaluations.tumble import evaluate_tumble
+from calibration.evaluations.warm_up import evaluate_warm_up
 from protocol.recordings import Recording
 
 EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
@@ -47,6 +51,7 @@ EVALUATIONS: dict[str, Callable[[tuple[Recording, ...]], MethodEvaluation]] = {
     "spin": evaluate_spin,
     "thermal_positions": evaluate_thermal_positions,
     "temperature_ramp": evaluate_temperature_ramp,
+    "warm_up": evaluate_warm_up,
     "swing": evaluate_swing,
     "flight": evaluate_flight,
     "vehicle_run": evaluate_flight,

@@ -5,6 +5,8 @@ changes over temperature are told, and those of the scale factor times a steady 
 """
 
 # pyright: strict
+from dataclasses import replace
+
 import numpy as np
 
 from calibration.algorithms.block_means import block_means
@@ -55,6 +57,7 @@ def evaluate_temperature_ramp(recordings: tuple[Recording, ...]) -> MethodEvalua
     if (~used).any():
         not_used.append(NotUsed(say("samples"), int((~used).sum()), why))
     results: list[SensorResult] = []
+    own: list[str] = []
     sentences = [
         say("the unit at rest: changes of its output over temperature; gravity and the Earth stay the same"),
         say("one cycle: how well the curve repeats is not told"),
@@ -65,11 +68,12 @@ def evaluate_temperature_ramp(recordings: tuple[Recording, ...]) -> MethodEvalua
             continue
         result, said = _sensor(recording, kind, letters, output[used], used, not_used)
         results.append(result)
-        sentences += said
+        own += said
     if not results:
         raise refused(recording, "The recording has no gyro and no accelerometer.", "record their outputs")
     sentences += _beyond(recording, used)
-    return method_evaluation(recordings, results, sentences, not_used)
+    found = method_evaluation(recordings, results, sentences, not_used)
+    return replace(found, assumptions=(*own, *found.assumptions))  # each sensor's own are in its record
 
 
 def _sensor(
@@ -112,7 +116,7 @@ def _sensor(
             words=fit.fit.noise[0],
         )
     ]
-    content = ramp_content(fit, letters, SI[kind])
+    content = replace(ramp_content(fit, letters, SI[kind]), assumptions=tuple(said))
     return SensorResult(kind, content, (recording,), _beside(fit, letters, SI[kind])), said
 
 

@@ -7,7 +7,7 @@ temperatures within one mounting count there.
 
 # pyright: strict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,10 +81,11 @@ def evaluate_thermal_positions(recordings: tuple[Recording, ...]) -> MethodEvalu
     not_used: list[NotUsed] = [*room.not_used]
     results: list[SensorResult] = []
     sentences: list[str] = []
+    own: list[str] = []
     for kind in ("acc", "gyro"):
         result, said = _sensor(kind, thermal, room, not_used)
         results.append(result)
-        sentences += said
+        own += said
     sentences.append(
         say(
             "matrix and bias frozen from {count} recordings at room temperature, the stand's truth taken as "
@@ -95,7 +96,8 @@ def evaluate_thermal_positions(recordings: tuple[Recording, ...]) -> MethodEvalu
     sentences.append(
         say("soaks approached as recorded: hysteresis of the temperature is not in the uncertainties")
     )
-    return method_evaluation(thermal, results, sentences, not_used)
+    found = method_evaluation(thermal, results, sentences, not_used)
+    return replace(found, assumptions=(*own, *found.assumptions))  # each sensor's own are in its record
 
 
 def _sensor(
@@ -125,6 +127,7 @@ def _sensor(
         *_untold(kind, fit),
     ]
     content = temperature_content(fit.model, soak_residuals(fit, readings))
+    content = replace(content, assumptions=tuple(said))
     recordings = (*thermal, *room.recordings)
     return SensorResult(kind, content, recordings, _beside(fit, straight, readings, frozen.unit)), said
 

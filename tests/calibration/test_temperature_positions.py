@@ -260,4 +260,3 @@ def test_what_is_missing_is_named(session: list[Recording]) -> None:
         "rotation",
     ]
     assert len(groups) == 1
-    assert len(together([Source(one) for one in room])) == 2

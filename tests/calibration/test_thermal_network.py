@@ -106,21 +106,6 @@ def test_a_rise_near_a_boundary_is_not_clear(rise, u, schemes, name, clear) -> N
     assert verdict.next_scheme is not verdict.scheme
 
 
-@pytest.mark.slow
-def test_stated_uncertainties_cover_the_truth_at_their_rate() -> None:
-    pulls = []
-    truth = np.log(np.r_[CAPACITY, CONDUCTANCE[PASTE]])
-    steady = np.linalg.solve(laplacian(CONDUCTANCE[PASTE]), POWER)
-    for seed in range(200):
-        found = fit_thermal_network([warm_up(PASTE, np.random.default_rng(seed), 0.02)], NODES, EDGES)
-        logs = np.log(np.r_[found.capacity_j_k, found.conductance_w_k])
-        rise, u = found.steady_rise_k(POWER)
-        pulls.append(np.r_[(logs - truth) / np.sqrt(np.diag(found.log_covariance)), (rise - steady) / u])
-    pulls = np.abs(pulls)
-    assert (pulls < 1.0).mean() == pytest.approx(0.683, abs=0.05)
-    assert (pulls < 1.96).mean() == pytest.approx(0.95, abs=0.025)
-
-
 def test_two_powers_and_a_node_without_a_sensor() -> None:
     first, second = warm_up(AIR), warm_up(AIR, power=np.array([0.2, 1.0, 0.3]))
     for record in (first, second):
