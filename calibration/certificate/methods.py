@@ -143,18 +143,14 @@ def _allan(say: Say) -> MethodWords:
 def _bias(say: Say) -> MethodWords:
     return MethodWords(
         say("output at rest less the Earth rate; standard deviation of averages of 10 s over one hour"),
-        say(
-            "GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"
-        ),
+        say("GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"),
     )
 
 
 def _repeatability(say: Say) -> MethodWords:
     return MethodWords(
         say("standard deviation of a figure over runs, each with its own uncertainty"),
-        say(
-            "GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"
-        ),
+        say("GJB 2426A; IEEE Std 952-1997; Cheng, Chai & Guo: GNC module, 2022, section 5.1"),
     )
 
 
@@ -167,9 +163,7 @@ def _rate_staircase(say: Say) -> MethodWords:
 
 def _frequency_response(say: Say) -> MethodWords:
     return MethodWords(
-        say(
-            "sine of rising frequency; transfer function by bands, then gain, delay and first-order lag"
-        ),
+        say("sine of rising frequency; transfer function by bands, then gain, delay and first-order lag"),
         say("IEEE Std 528-2001: frequency response"),
     )
 

@@ -11,8 +11,6 @@ thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 
 warm_up            thermal network and cooling scheme                   (paper 2)
 temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
 hand_tumble    hard and soft iron; so is every recording of a magnetometer alone
-thermal_positions  sigma(N, T) over a matrix of room temperature         (paper 2)
-temperature_ramp   bias over temperature both ways, hysteresis, dT/dt     (IEEE 952)
 spin           zeros, ratio and orthogonality of a magnetometer          (paper 1)
 swing          lag and attitude error against a turntable                (paper 2)
 flight         errors of roll and pitch by phase, as vehicle_run          (paper 2)
