@@ -24,9 +24,9 @@ class Option:
 
 
 class Catalogue:
-    """Columns of every effect that an excitation can move at all."""
+    """Columns of every effect (or of those in `only`) that an excitation can move at all."""
 
-    def __init__(self, excitation: Excitation) -> None:
+    def __init__(self, excitation: Excitation, only: tuple[str, ...] | None = None) -> None:
         self.options: list[Option] = []
         self.effects: list[str] = []
         self._columns: dict[str, list[Array]] = {channel: [] for channel in CHANNELS}
@@ -35,11 +35,11 @@ class Catalogue:
         self.size = 0
         self._magnetometer = excitation.magnetometer
         for name, shape in SHAPES.items():
-            if not applies(excitation, name):
+            if not applies(excitation, name) or not (only is None or name in only):
                 continue
             grid = [(phi, shape.blocks(excitation, phi)) for phi in shape.grid]
             self._add(name, grid, whole=shape.whole)
-        for name, (blocks, grid) in THRESHOLDS.items():
+        for name, (blocks, grid) in THRESHOLDS.items() if only is None else ():
             values = grid if name == "gyro.dead_band" else [x * largest_rate(excitation) for x in grid]
             self._add(name, [(phi, blocks(excitation, phi)) for phi in values], whole=False)
         self._stacked = {c: np.column_stack(x) for c, x in self._columns.items() if x}

@@ -20,6 +20,7 @@ from tests.blind.effect_shapes import SHAPES, TRIADS
 from tests.blind.excitations import Excitation
 from tests.blind.hidden_signals import Hidden
 from tests.blind.metric import Metric
+from tests.blind.next_tests import information_rates
 from tests.blind.noise import ChannelNoise
 from tests.blind.random_effects import LINES, MAX_FACTOR, STOCHASTIC
 
@@ -104,6 +105,8 @@ def judged(case: "Case", test: Excitation, catalogue: Catalogue) -> dict[str, An
         facts |= _best_set(options, gram, across.sum(axis=1), ln_options, ln_b)
     if case.spec.kind in ("single", "decoy_stand") and case.hidden[0].signal:
         facts |= _bounds(case, test)
+        rates = information_rates(case.hidden[0], tuple(facts["class"]), case.unit.noise)
+        facts["next_tests"] = rates
         facts |= _baselines(case, test, catalogue, options, together)
     return facts
 

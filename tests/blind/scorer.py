@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import betaincinv
 
 from tests.blind.case_plan import LADDER
+from tests.blind.next_tests import kind_of
 from tests.blind.parameters import normalised_errors
 from tests.blind.verdicts import Judged
 
@@ -188,10 +189,25 @@ def _abstentions(kinds: dict[str, list[Judged]]) -> list[Row]:
     return rows
 
 
-def _next_test(one: Judged) -> bool:
-    """Thin: the proposal separates effects of which the true one is among the probable."""
-    proposal = one.report.get("next_test") or {}
-    return bool(proposal.get("profile")) and one.truth[0] in proposal.get("separates", [])
+def _next_tests(singles: list[Judged]) -> list[Row]:
+    """Information a minute of the proposed test, as a share of the best excitation's in hindsight."""
+    unsure = [one for one in singles if one.said == "confusable"]
+    proposed = [one for one in unsure if one.report.get("next_test")]
+    shares, liked = [], []
+    for one in proposed:
+        kind = kind_of(str(one.report["next_test"].get("profile")))
+        rates = one.oracle.get("next_tests") or {}
+        best = max(rates.values(), default=0.0)
+        liked.append(kind is not None)
+        if kind is not None and best > 1e-6:
+            shares.append(rates[kind] / best)
+    return [
+        statistic(
+            "next test, share of the best's information", shares, lambda x: float(x.mean()), at_least=0.9
+        ),
+        fraction("next test proposed where confusable", [bool(o.report.get("next_test")) for o in unsure]),
+        fraction("next test is like one of the four", liked),
+    ]
 
 
 def scored(cases: list[Judged]) -> list[Row]:
@@ -235,11 +251,10 @@ def _figures(singles: list[Judged]) -> list[Row]:
         if one.label["d"][0] >= 7.9 and _top(one, 1) and "fraction_closed" in one.oracle:
             reached = (one.report.get("shrinkage") or {}).get("fraction_closed")
             closed.append((float(reached or 0), one.oracle["fraction_closed"]))
-    unsure = [one for one in singles if one.said == "confusable"]
     return [
         statistic("parameters, RMSE / Cramér–Rao", errors, _root_mean_square, at_most=1.2),
         statistic("shrinkage of the oracle's, d ≥ 8", closed, _ratio_of_sums, at_least=0.97, oracle=1.0),
-        fraction("next test separates the true effect", [_next_test(one) for one in unsure], at_least=0.9),
+        *_next_tests(singles),
     ]
 
 
