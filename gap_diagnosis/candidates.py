@@ -198,7 +198,7 @@ def _between(low: float, high: float, count: int) -> list[float]:
 
 
 def regressors(effect: CatalogueEffect, stimulus: Stimulus) -> dict[str, FloatArray] | None:
-    """Free scalar → (n, 3) what one unit of it adds to an ideal output; None: the stimulus lacks what it needs.
+    """Free scalar → (n, 3) what one unit of it adds to an ideal output; None: the stimulus lacks its input.
 
     An effect that is not linear is divided by its value: one unit of its scalar, at that value.
     """

@@ -44,7 +44,7 @@ NOISES = {
 """Slow noise of the catalogue → shapes of `noise_model.shapes_for` that it may have."""
 SHARPENINGS = 2
 SHARP_SIGNAL = 7.0
-"""From this whitened signal-to-noise ratio on, a shape between two of the grid's is worth a search of its own."""
+"""From this whitened signal-to-noise ratio on, a shape between two of the grid's is searched with."""
 CERTAIN_LOG_RATIO = 12.0
 """A timing finding counts from this log likelihood ratio on."""
 SEEN_BY_TIMING = frozenset(

@@ -112,7 +112,7 @@ class Observation:
         sample_period_s: of the unit.
         samples_per_row: 1, or how many samples a row is the mean of.
         timing: findings that need no model.
-        aligned_by_s: what was added to the unit's clock since the two clocks' epochs are unrelated; 0: nothing.
+        aligned_by_s: added to the unit's clock where the two clocks' epochs are unrelated; 0: nothing.
         set_aside: what is not used.
         believed: recording.json's own object.
     """

@@ -8,6 +8,7 @@ from typing import Any
 
 from dut_emulator.effects.parameters import scalars
 from gap_diagnosis.attribution import Attribution
+from gap_diagnosis.drawings import drawn
 from gap_diagnosis.fitting import FittedEffect, JointFit
 from gap_diagnosis.held_out import HeldOut, Shrinkage, shrinkage_of
 from gap_diagnosis.localisation import CellFinding, Localisation
@@ -73,7 +74,18 @@ def report_of(found: Findings) -> GapReport:
         for c in found.located.cells
     )
     effects = tuple(one.effect for one in found.fit.effects) if found.fit and verdict in _NAMED else ()
-    return GapReport(document, effects, heat, not_used=tuple(document["not_used"]))
+    series, spectra = drawn(found.prepared, found.fit, _telling_channels(found))
+    return GapReport(document, effects, heat, series, spectra, tuple(document["not_used"]))
+
+
+def _telling_channels(found: Findings) -> tuple[Channel, ...]:
+    """Those that the best set changes, the most first; then those with the clearest cells."""
+    changed = {
+        channel: one.signal for one in (found.fit.effects if found.fit else ()) for channel in one.rms_si
+    }
+    ordered = sorted(changed, key=lambda channel: -changed[channel])
+    clearest = sorted(found.located.cells, key=lambda cell: -abs(cell.sigmas))
+    return tuple(dict.fromkeys([*ordered, *(cell.channel for cell in clearest[:2])]))
 
 
 _NAMED = ("attributed", "confusable")
