@@ -161,3 +161,32 @@ def test_emulated_units_are_covered() -> None:
     assert len(pulls["gyro"]) > 570
     for kind, each in pulls.items():
         check_coverage(np.array(each), more=0.2), kind
+
+
+@pytest.mark.slow
+def test_one_g_on_the_rig_agrees_with_a_static_tumble() -> None:
+    """Paper 5, 5.3.2: x up, down and level from the counters of six positions; the rig at 1 g beside it."""
+    for seed in range(1, 7):
+        rest = recorded("pulse_imu", "multi_position", values={"dwell_s": 10.0}, seed=seed)
+        dut, stand = rest.streams["dut"], rest.streams["stand"]
+        at = dut.time_s()
+        still = (
+            np.interp(at, stand.time_s(), np.abs(stand.si("rate_x", "rate_y", "rate_z")).max(axis=1)) < 1e-6
+        )
+        force = np.stack([np.interp(at, stand.time_s(), stand.si(f"acc_{axis}")) for axis in "xyz"])
+        net = dut.si("pulse_acc_x_pos") - dut.si("pulse_acc_x_neg")
+        up, down = (net[still & (way * force[0] > 9.7)].mean() for way in (1, -1))
+        level = np.mean([net[still & (way * force[axis] > 9.7)].mean() for axis in (1, 2) for way in (1, -1)])
+        tumbled = (up + down - 2 * level) / (up - down)
+        twin = json.loads(twin_text(product_named("pulse_imu").twin(seed, "U-0001")))
+        (true,) = (
+            effect["parameters"]["asymmetry_x"]["value"]
+            for effect in twin["effects"]
+            if effect["effect"] == "acc.scale_factor_asymmetry"
+        )
+        values = {"overload_g": 1.0, "cycles": 5.0, "axis": 1.0}
+        found = evaluate_overload((recorded("pulse_imu", "overload", values=values, seed=seed),))
+        shaken = found.results[0].content.quantities[0]
+        assert shaken.standard_uncertainty is not None
+        assert tumbled == pytest.approx(true, abs=3e-5)
+        assert abs(shaken.value - tumbled) < 2.5 * shaken.standard_uncertainty
