@@ -96,7 +96,7 @@ def test_what_is_no_swing_is_said() -> None:
     assert len(swing_cycles(good)) == 11
 
 
-@pytest.mark.parametrize("noise", ["white rates", "coloured rates"])
+@pytest.mark.parametrize("noise", [pytest.param("white rates", marks=pytest.mark.slow), "coloured rates"])
 def test_intervals_cover_on_noise_from_elsewhere(noise: str) -> None:
     """200 swings at once: lag, drift and scale factor with the scatter's uncertainty."""
     rng = np.random.default_rng(7)
@@ -186,6 +186,7 @@ def test_a_swing_beyond_the_gyros_range_and_a_stand_without_angles_are_refused()
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_the_lag_of_200_emulated_units_is_covered() -> None:
     pulls: list[list[float]] = []
     dead = 0
