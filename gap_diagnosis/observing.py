@@ -20,21 +20,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray, SensorName, Stimulus
+from gap_diagnosis.alignment import coarse_alignment, constant_delay, triad_of
 from gap_diagnosis.belief import TRIADS, TriadBelief, triad_belief
 from gap_diagnosis.doubtful_samples import set_aside_in
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.holes import piece_numbers
-from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside
+from gap_diagnosis.frames import counter_wrap, duplicates, frame_loss, stamp_jumps, without_duplicates
+from gap_diagnosis.holes import median_period_s, piece_numbers
+from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside, TimingFinding
+from gap_diagnosis.plausibility import refuse_mistakes
 from gap_diagnosis.prediction import earth_rate_in_body, gravity_in_body, predicted_si
 from gap_diagnosis.rest import refuse_unless_at_rest
 from gap_diagnosis.stand_at_unit import StandReport, stand_at
 from gap_diagnosis.temperature import smoothed
+from gap_diagnosis.timing import LEAST_LOG_RATIO, StandTiming, timing_against_stand
 from gap_diagnosis.unit_outputs import UnitTriad, unit_supply, unit_temperature_c, unit_triads
 from gap_diagnosis.unit_rows import UnitRows, unit_rows
 from protocol.errors import Fault
 from protocol.recordings import Recording
 
 ROOM_TEMPERATURE_C = 25.0
+ALIGNMENT_ROUNDS = 6
+ALIGNED_SHARE = 0.05
+"""Of the standard uncertainty: nearer is not worth another round."""
 LEAST_COVERAGE = 0.5
 """A column of the stand that covers less than this share of what its rates cover is left out."""
 ACTING: dict[SensorName, str] = {"gyro": "rate_rad_s", "acc": "specific_force_m_s2", "mag": "field_t"}
@@ -47,7 +54,7 @@ class UnitSide:
     recording: Recording
     rows: UnitRows
     beliefs: Mapping[SensorName, TriadBelief]
-    triads: Mapping[SensorName, UnitTriad]
+    triads: dict[SensorName, UnitTriad]
     unread: tuple[str, ...]
 
     @property
@@ -75,7 +82,99 @@ def observe(recording: Recording) -> Observation:
         TestloomError: it cannot carry a diagnosis: too short, units that do not fit, the stand's report
             missing although the unit moved, no common time.
     """
-    return observed_at(unit_side(recording), 0.0)
+    unit = unit_side(recording)
+    coarse = coarse_alignment(recording, unit.rows.time_s[unit.rows.row_of_sample], unit.triads)
+    is_aligned, added_s = coarse.added_s is not None, coarse.added_s or 0.0
+    observation = observed_at(unit, added_s)
+    uncertainty_s = 0.0
+    if is_aligned:
+        observation, uncertainty_s = _finely_aligned(unit, observation)
+    refuse_mistakes(observed_at(unit, added_s - coarse.about_s) if coarse.about_s else observation)
+    notes = list(observation.set_aside)
+    if is_aligned:
+        moved = f"{observation.aligned_by_s:.7f} s (± {uncertainty_s:.2g} s)"
+        why = f"the unit's is moved by {moved} onto the stand's by the motion: nothing is said of a delay"
+        notes.insert(0, SetAside("clock", 0, why))
+    observation, timing, said = _frames(unit, observation)
+    notes += said
+    against = _against_stand(unit, observation, is_aligned, coarse.about_s)
+    if against is not None:
+        timing += against.findings
+    jumped = stamp_jumps(unit.rows, recording.stream("dut").time_s())
+    if jumped is not None:
+        notes.append(jumped)
+    return dataclasses.replace(observation, timing=tuple(timing), set_aside=tuple(notes))
+
+
+def _finely_aligned(unit: UnitSide, observation: Observation) -> tuple[Observation, float]:
+    """The unit's clock moved until no triad sees a delay, and the standard uncertainty of that."""
+    uncertainty_s = math.inf
+    for _ in range(ALIGNMENT_ROUNDS):
+        fits = [
+            fit
+            for sensor in observation.outputs
+            if sensor != "temperature" and (fit := constant_delay(triad_of(observation, sensor))) is not None
+        ]
+        if not fits:
+            break
+        weight = np.array([1.0 / float(fit.covariance[0, 0]) for fit in fits])
+        late_s = float((weight * [float(fit.values[0]) for fit in fits]).sum() / weight.sum())
+        uncertainty_s = float(weight.sum() ** -0.5)
+        observation = observed_at(unit, observation.aligned_by_s - late_s)
+        if abs(late_s) < ALIGNED_SHARE * uncertainty_s:
+            break
+    return observation, uncertainty_s
+
+
+def _frames(
+    unit: UnitSide, observation: Observation
+) -> tuple[Observation, list[TimingFinding], list[SetAside]]:
+    """What the frames show; certain copies and wrapped values are missing values from here on."""
+    found, notes = list(frame_loss(unit.rows, unit.triads)), list[SetAside]()
+    outputs = dict(observation.outputs)
+    for sensor, output in observation.outputs.items():
+        if sensor == "temperature" or unit.triads[sensor].are_means:
+            continue
+        output, wraps = counter_wrap(sensor, output)
+        found += wraps
+        notes += [SetAside(sensor, 0, wrap.description) for wrap in wraps]
+        copies = duplicates(sensor, output)
+        if copies is not None and copies.log_likelihood_ratio > LEAST_LOG_RATIO:
+            output, count = without_duplicates(output)
+            found.append(copies)
+            notes.append(SetAside(sensor, count, "frames that repeat the one before"))
+        outputs[sensor] = output
+    return dataclasses.replace(observation, outputs=outputs), found, notes
+
+
+def _against_stand(
+    unit: UnitSide, observation: Observation, is_aligned: bool, about_s: float
+) -> StandTiming | None:
+    """Delay, drift, jitter.
+
+    Raises:
+        DiagnosisError: the unit's clock was set while it recorded.
+    """
+    stand = unit.recording.streams.get("stand")
+    if stand is None:
+        return None
+    added_s = observation.aligned_by_s
+    timing = timing_against_stand(
+        observation,
+        median_period_s(stand.time_s()),
+        is_aligned,
+        about_s,
+        lambda more_s: _frames(unit, observed_at(unit, added_s + more_s))[0],
+    )
+    if timing.jump is not None:
+        raise DiagnosisError(
+            f"A clock jumps by {timing.jump.step_s:.4g} s at {timing.jump.at_s:.2f} s: before and behind it, "
+            "unit and stand are apart by different times.",
+            where=f"recording {unit.recording.recording_id}, streams dut and stand, time",
+            fault=Fault.DATA,
+            remedy="split the recording there, or record with clocks that are not set meanwhile.",
+        )
+    return timing
 
 
 def observed_at(unit: UnitSide, added_s: float) -> Observation:
