@@ -192,12 +192,13 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
 
 def _write(report: "GapReport", document: "ReportDocument", text: str, out: Path) -> None:
     from gap_diagnosis.report_page import report_html
-    from gap_diagnosis.report_pictures import file_names
+    from gap_diagnosis.report_pictures import pictures
     from protocol.durable_files import write_whole
 
-    for name, svg in file_names(report).items():
-        write_whole(out / "plots" / name, svg + "\n")
-    write_whole(out / "report.html", report_html(report, document))
+    drawn = pictures(report)
+    for one in drawn:
+        write_whole(out / "plots" / one.file_name, one.svg + "\n")
+    write_whole(out / "report.html", report_html(report, document, drawn))
     write_whole(out / "report.json", text)
 
 

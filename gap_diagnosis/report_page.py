@@ -9,15 +9,9 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from gap_diagnosis.field_units import number, unit_sign
-from gap_diagnosis.report import GapReport, HeatCell
+from gap_diagnosis.report import GapReport, HeatCell, ResidualSeries, Spectrum
 from gap_diagnosis.report_document import ReportDocument, Shrinkage
-from gap_diagnosis.report_pictures import (
-    drawn_series,
-    drawn_spectra,
-    legend_colours,
-    series_svg,
-    spectrum_svg,
-)
+from gap_diagnosis.report_pictures import Picture, legend_colours
 from gap_diagnosis.report_style import STYLE_SHEET, VERDICT_COLOURS, heat_colour
 from gap_diagnosis.report_words import (
     KINDS,
@@ -40,20 +34,21 @@ MAX_PLACES, MAX_RANKED = 20, 12
 SIGNIFICANT = 0.05
 
 
-def report_html(report: GapReport, document: ReportDocument) -> str:
+def report_html(report: GapReport, document: ReportDocument, drawn: Sequence[Picture]) -> str:
     """The page.
 
     Args:
-        report: for the pictures.
+        report: for the map of where.
         document: report.json as it was written.
+        drawn: the report's pictures.
     """
     parts = (
         _verdict(document),
         _where(document, report.heat),
         _which(document),
         _shrinkage(document),
-        _residuals(report),
-        _spectra(report),
+        _residuals(drawn, len(report.series)),
+        _spectra(drawn),
         _not_used((*report.not_used, *document.not_used)),
         _next_test(document),
         _rests_on(document),
@@ -212,22 +207,28 @@ def _parts(shrinkage: Shrinkage) -> str:
     return ", ".join(translated(part) for part in shrinkage.held_out) or say("data within the run")
 
 
-def _residuals(report: GapReport) -> str:
-    drawn = drawn_series(report)
-    if not drawn:
+def _residuals(drawn: Sequence[Picture], known: int) -> str:
+    figures = [
+        (f"{channel_words(one.shows.channel)} · {one.shows.recording_id}", one.svg)
+        for one in drawn
+        if isinstance(one.shows, ResidualSeries)
+    ]
+    if not figures:
         return ""
-    figures = [(f"{channel_words(one.channel)} · {one.recording_id}", series_svg(one)) for one in drawn]
-    left = len(report.series) - len(drawn)
+    left = known - len(figures)
     words = say("{count} more that changed less are not drawn.", count=left) if left else ""
     return _section(say("Residuals before and after"), _legend(2) + _figures(figures, words))
 
 
-def _spectra(report: GapReport) -> str:
-    drawn = drawn_spectra(report)
-    if not drawn:
-        return ""
+def _spectra(drawn: Sequence[Picture]) -> str:
     names = {"allan": say("Allan deviation"), "psd": say("Density over frequency")}
-    figures = [(f"{channel_words(one.channel)} · {names[one.kind]}", spectrum_svg(one)) for one in drawn]
+    figures = [
+        (f"{channel_words(one.shows.channel)} · {names[one.shows.kind]}", one.svg)
+        for one in drawn
+        if isinstance(one.shows, Spectrum)
+    ]
+    if not figures:
+        return ""
     return _section(say("Noise: seen and believed"), _legend(3) + _figures(figures, ""))
 
 

@@ -6,6 +6,7 @@ The same report gives the same bytes.
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -29,16 +30,29 @@ _HOURS, _MINUTES = 3.0 * 3600.0, 600.0
 _OWN_IDS = re.compile(r' id="(?:figure|patch|axes|line2d|text|matplotlib|xtick|ytick|PathCollection)[^"]*"')
 
 
-def drawn_series(report: GapReport) -> tuple[ResidualSeries, ...]:
-    """Those that changed most, at most `MAX_SERIES`, in the report's order."""
+@dataclass(frozen=True)
+class Picture:
+    """One plot: what it shows, and the file that it is in."""
+
+    shows: ResidualSeries | Spectrum
+    file_name: str
+    svg: str
+
+
+def pictures(report: GapReport) -> tuple[Picture, ...]:
+    """The plots: residuals that changed most, at most `MAX_SERIES`, then `MAX_SPECTRA` of noise."""
     changed = sorted(report.series, key=lambda one: -_share_gone(one))[:MAX_SERIES]
     chosen = {id(one) for one in changed}
-    return tuple(one for one in report.series if id(one) in chosen)
-
-
-def drawn_spectra(report: GapReport) -> tuple[Spectrum, ...]:
-    """At most `MAX_SPECTRA`."""
-    return tuple(report.spectra[:MAX_SPECTRA])
+    residuals = (
+        Picture(one, f"residual-{_slug(one.recording_id)}-{_slug(one.channel)}.svg", series_svg(one))
+        for one in report.series
+        if id(one) in chosen
+    )
+    spectra = (
+        Picture(one, f"{one.kind}-{_slug(one.channel)}.svg", spectrum_svg(one))
+        for one in report.spectra[:MAX_SPECTRA]
+    )
+    return (*residuals, *spectra)
 
 
 def series_svg(series: ResidualSeries) -> str:
@@ -77,16 +91,6 @@ def spectrum_svg(spectrum: Spectrum) -> str:
     symbol = "σ(τ)" if spectrum.kind == "allan" else "√S" if "sqrt" in spectrum.unit else "S"
     panel.set_ylabel(f"{symbol}, {unit_sign(spectrum.unit)}")
     return _svg(figure, f"{spectrum.kind} {spectrum.channel}")
-
-
-def file_names(report: GapReport) -> dict[str, str]:
-    """File name → SVG of all plots of the page."""
-    files: dict[str, str] = {}
-    for one in drawn_series(report):
-        files[f"residual-{_slug(one.recording_id)}-{_slug(one.channel)}.svg"] = series_svg(one)
-    for one in drawn_spectra(report):
-        files[f"{one.kind}-{_slug(one.channel)}.svg"] = spectrum_svg(one)
-    return files
 
 
 def _share_gone(series: ResidualSeries) -> float:

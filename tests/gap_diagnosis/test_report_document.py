@@ -1,18 +1,13 @@
 """report.json: what is read back, and what is said of one that is damaged."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # the imagined reports live beside the tests
-
-from imagined_reports import document, parsed
-
 from gap_diagnosis.report_document import parse_report, read_report, report_text
 from protocol.errors import Fault, TestloomError
+from tests.gap_diagnosis.imagined_reports import document, parsed
 
 VERDICTS = ("no_gap", "attributed", "confusable", "unattributed")
 

@@ -3,23 +3,17 @@
 import dataclasses
 import itertools
 import re
-import sys
 from html.parser import HTMLParser
-from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from imagined_reports import document, parsed, report
-
 from dut_emulator.effects.catalogue import CATALOGUE
-from gap_diagnosis import report_pictures, report_words
+from gap_diagnosis import report_page, report_pictures, report_words
 from gap_diagnosis.field_units import field_quantity, spelled_like
 from gap_diagnosis.report_document import parse_report, report_text
-from gap_diagnosis.report_page import report_html
 from gap_diagnosis.report_style import heat_colour
 from protocol.language import choose_language, say
+from tests.gap_diagnosis.imagined_reports import document, parsed, report
 
 VERDICTS = ("no_gap", "attributed", "confusable", "unattributed")
 VOID = {"meta", "br", "link", "img"}
@@ -29,6 +23,10 @@ VOID = {"meta", "br", "link", "img"}
 def _english_again():
     yield
     choose_language("en")
+
+
+def report_html(imagined, of_form):
+    return report_page.report_html(imagined, of_form, report_pictures.pictures(imagined))
 
 
 class Outline(HTMLParser):
@@ -134,7 +132,7 @@ def test_the_same_report_gives_the_same_bytes():
     assert outline.fetched == []
     assert "http" not in once.replace("http://www.w3.org/", "")  # names of vocabularies, never fetched
     assert not re.search(r"20\d\d-\d\d-\d\dT", once)
-    files = report_pictures.file_names(drawn)
+    files = [one.file_name for one in report_pictures.pictures(drawn)]
     assert sorted(files) == ["allan-gyro_x.svg", "residual-mems_ahrs-U-0007-swing-m1-r1-gyro_x.svg"]
     ids = re.findall(r'\bid="([^"]+)"', once)
     assert len(ids) == len(set(ids))

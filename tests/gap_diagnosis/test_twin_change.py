@@ -1,21 +1,16 @@
 """A report's effects in a twin: values and units, what the twin had before, what is refused."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from imagined_reports import document
 
 from dut_emulator.effects.catalogue import effect_named
 from dut_emulator.twin import Twin, parse_twin, twin_text
 from gap_diagnosis.report_document import parse_report, report_text
 from gap_diagnosis.twin_change import twin_with_found
 from protocol.errors import TestloomError
+from tests.gap_diagnosis.imagined_reports import document
 
 DEG, G = np.pi / 180, 9.80665
 
