@@ -49,6 +49,7 @@ START_SETTLED = 1e-3
 MAX_CONDITION = 1e6
 """Of the scaled normal matrix: beyond it the points do not go around far enough."""
 MAX_START_CONDITION = 1e12
+BLOCKS_JOINED = (1, 2, 4)
 MIN_BLOCK = 8
 MAX_BLOCK_SIGMAS = 3.0
 _MAD = 1.4826
@@ -250,14 +251,20 @@ def _on_all(points: ScaledPoints, start: Start, where: str) -> tuple[FloatArray,
 
 
 def _widening(sums: Sums, variance: float) -> float:
-    """Variance of block means over that of white noise, where it is significantly more."""
-    whole = sums.block_counts >= MIN_BLOCK
-    if whole.sum() < BLOCKS // 2 or variance <= 0.0:
-        return 1.0
-    counts = sums.block_counts[whole]
-    scaled = sums.block_sums[whole] / np.sqrt(counts * variance)
-    ratio = float(scaled.var(ddof=1))
-    return ratio if ratio > 1.0 + MAX_BLOCK_SIGMAS * np.sqrt(2.0 / (len(counts) - 1)) else 1.0
+    """Variance of block means over that of white noise: the largest that is significantly more, of blocks
+    of three lengths, for what is slow may outlast the shortest."""
+    widest = 1.0
+    for joined in BLOCKS_JOINED:
+        edges = np.arange(0, len(sums.block_sums), joined)
+        counts = np.add.reduceat(sums.block_counts, edges)
+        whole = counts >= MIN_BLOCK
+        if whole.sum() < BLOCKS // (2 * joined) or variance <= 0.0:
+            continue
+        scaled = np.add.reduceat(sums.block_sums, edges)[whole] / np.sqrt(counts[whole] * variance)
+        ratio = float(scaled.var(ddof=1))
+        if ratio > 1.0 + MAX_BLOCK_SIGMAS * np.sqrt(2.0 / (whole.sum() - 1)):
+            widest = max(widest, ratio)
+    return widest
 
 
 def _check_outliers(outside: int, count: int, where: str) -> None:

@@ -19,7 +19,7 @@ COMPENSATION = np.array([[1.1, 0.05, -0.02], [0.05, 0.8, 0.03], [-0.02, 0.03, 1.
 HARD_IRON = np.array([2.0, -1.0, 0.3])
 
 
-def tumbled(seed: int, slow: float, count: int = 1500) -> np.ndarray:
+def tumbled(seed: int, slow: float, count: int = 6000) -> np.ndarray:
     """Outputs of a unit turned all ways by hand, smoothly, with white noise and a slow one."""
     rng = np.random.default_rng(seed)
     time_s = PERIOD_S * np.arange(count)
@@ -45,9 +45,10 @@ def iron_pulls(seed: int, slow: float) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("slow", [0.0, 0.004])
 def test_iron_is_covered_also_on_coloured_noise(slow: float) -> None:
-    """A slow field of 0.4 of the white noise: block means widen the covariance, on the average of all."""
+    """Two minutes of turning. A slow field of 0.4 of the white noise widens the covariance by what its block
+    means show: all parameters alike, so that some are covered more often and some a little less."""
     pulls = np.array([iron_pulls(seed, slow) for seed in range(200)])
-    check_coverage(pulls, less=0.1 if slow else 0.0, more=0.2)
+    check_coverage(pulls, less=0.03 if slow else 0.0, more=0.2)
 
 
 def spins(seed: int, latency_s: float, drift: float) -> list[Spin]:
@@ -81,8 +82,8 @@ def test_a_drift_of_the_clocks_is_not_taken_for_latency() -> None:
 
 def spin_pulls(seed: int) -> list[float]:
     """Of the latency (the twin has none), the zeros, the orthogonality."""
-    values = {"max_rate_rev_s": 15.0, "steps": 2.0, "dwell_s": 3.0}
-    recording = recorded("gnc_module", "spin", values=values, seed=seed)
+    values = {"max_rate_rev_s": 15.0, "steps": 2.0, "dwell_s": 2.5}
+    recording = recorded("gnc_module", "spin", values=values, seed=seed, stand_seed=seed)
     (result,) = evaluate_by_profile([recording]).results
     found = {one.name: one for one in result.content.quantities}
     matrix = np.array(recording.believed["mag"]["matrix"])
@@ -96,10 +97,6 @@ def spin_pulls(seed: int) -> list[float]:
         "nonorthogonality_xy": np.arcsin(plane[0, 1] / np.sqrt(plane[0, 0] * plane[1, 1])),
     }
     return [(found[name].value - true) / found[name].standard_uncertainty for name, true in truth.items()]
-
-
-def test_an_emulated_spin_at_three_rates_has_no_latency_and_tells_its_clock() -> None:
-    assert np.abs(spin_pulls(1)).max() < 4.0
 
 
 @pytest.mark.slow
@@ -117,7 +114,7 @@ def in_counts(output: np.ndarray, **test: object) -> Recording:
 
 
 def test_a_magnetometer_alone_is_evaluated_and_its_outliers_are_said() -> None:
-    output = tumbled(1, 0.0)
+    output = tumbled(1, 0.0, 1500)
     output[::50] += 0.5
     output[7] = np.nan
     found = evaluate_by_profile([in_counts(output)])
