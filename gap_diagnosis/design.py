@@ -84,6 +84,8 @@ def channels_of(
     found: dict[Channel, dict[int, NDArray[np.bool_]]] = {}
     for index, one in enumerate(observations):
         for sensor, output in one.outputs.items():
+            if output.noise.white_si_per_sqrt_hz is None and sensor == "temperature":
+                continue  # a unit is not as warm as its chamber: a gap only where a belief says how far
             for axis in range(1 if sensor == "temperature" else 3):
                 if wanted is not None and Channel(sensor, axis) not in wanted:
                     continue
@@ -124,7 +126,7 @@ def designed(
     channels = {
         channel: ChannelDesign(
             channel,
-            {index: np.stack(columns, axis=1) for index, columns in by_recording.items()},
+            {index: np.stack(columns).T for index, columns in by_recording.items()},
             dict(rows[channel]),
             np.array(scales[channel]),
         )

@@ -131,18 +131,20 @@ def profile(terms: Sequence[Terms], steps: int) -> tuple[FloatArray, FloatArray]
     amplitude = np.zeros((count, j, k))
     gained = [np.zeros((count, *t.log_weighted.shape)) for t in terms]
     for _ in range(steps):
-        gram = np.zeros((count, j, k, k))
-        cross = np.zeros((count, j, k))
+        gram = np.zeros((count, j, k * k))
+        cross = np.zeros((count, k, j))
         for term, weight in zip(terms, weights, strict=True):
-            gram += np.einsum("bhj,bhkl->bjkl", weight, term.gram, optimize=True)
-            cross += np.einsum("bhj,bhkj->bjk", weight, term.cross, optimize=True)
-        diagonal = np.einsum("bjkk->bjk", gram)
+            gram += np.swapaxes(weight, 1, 2) @ term.gram.reshape(count, -1, k * k)
+            cross += np.sum(weight[:, :, np.newaxis] * term.cross, axis=1)
+        gram = gram.reshape(count, j, k, k)
+        diagonal = gram[..., np.arange(k), np.arange(k)]
         gram[..., np.arange(k), np.arange(k)] += RIDGE * diagonal + 1e-12
-        amplitude = np.linalg.solve(gram, cross[..., np.newaxis])[..., 0]
+        amplitude = np.linalg.solve(gram, np.swapaxes(cross, 1, 2)[..., np.newaxis])[..., 0]
+        by_column = np.swapaxes(amplitude, 1, 2)
+        squares = (by_column[:, :, np.newaxis] * by_column[:, np.newaxis]).reshape(count, k * k, j)
         for index, term in enumerate(terms):
-            linear = np.einsum("bjk,bhkj->bhj", amplitude, term.cross, optimize=True)
-            square = np.einsum("bjk,bhkl,bjl->bhj", amplitude, term.gram, amplitude, optimize=True)
-            gained[index] = linear - 0.5 * square
+            linear = np.sum(by_column[:, np.newaxis] * term.cross, axis=2)
+            gained[index] = linear - 0.5 * (term.gram.reshape(count, -1, k * k) @ squares)
             weights[index] = _softmax(term.log_weighted + gained[index], 1)
     total = np.zeros((count, j))
     for term, gain in zip(terms, gained, strict=True):
