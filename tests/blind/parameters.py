@@ -1,56 +1,78 @@
 """Parameters that a report and a label can be compared by, whatever the engine calls them.
 
-The contract leaves the names of parameters to the effect. Only effects whose coefficients have one
-natural unit are compared, on a single channel or jointly, by that unit and in the order of the names.
+The contract leaves the names of parameters to the effect. Compared are effects whose coefficients have one
+natural dimension, on a single channel or jointly: by dimension, and in the order of the names.
 """
 
+import math
+import re
+
+from tests.blind.effect_shapes import STANDARD_GRAVITY
 from tests.blind.verdicts import Judged
 
-UNITS: dict[str, tuple[str, float]] = {
-    "deg/s/g": ("g_sensitivity", 1.0),
-    "deg/s/V": ("per_volt", 1.0),
-    "deg/s/uT": ("per_field", 1.0),
-    "1/degC": ("per_degree", 1.0),
-    "ppm/degC": ("per_degree", 1e-6),
-    "s": ("time", 1.0),
-    "ms": ("time", 1e-3),
-    "us": ("time", 1e-6),
-    "m": ("length", 1.0),
-    "mm": ("length", 1e-3),
-    "g/g^2": ("quadratic", 1.0),
-    "ug/g^2": ("quadratic", 1e-6),
-    "deg/s/(degC/min)": ("rate_of_change", 1.0),
-    "deg/s/(degC/s)": ("rate_of_change", 1 / 60),
-}
-"""Unit of a report to what it measures and its size in the label's unit."""
+_ATOMS: dict[str, tuple[float, str]] = {
+    "1": (1.0, ""), "ppm": (1e-6, ""), "rad": (1.0, "rad"), "deg": (math.pi / 180, "rad"), "s": (1.0, "s"),
+    "ms": (1e-3, "s"), "us": (1e-6, "s"), "min": (60.0, "s"), "h": (3600.0, "s"), "m": (1.0, "m"),
+    "mm": (1e-3, "m"), "degC": (1.0, "K"), "V": (1.0, "V"), "T": (1.0, "T"), "uT": (1e-6, "T"),
+}  # fmt: skip
 
-COMPARED = {
-    "gyro.g_sensitivity": "g_sensitivity",
-    "gyro.supply_sensitivity": "per_volt",
-    "gyro.magnetic_sensitivity": "per_field",
-    "gyro.scale_factor_temperature": "per_degree",
-    "acc.scale_factor_temperature": "per_degree",
-    "acc.quadratic_nonlinearity": "quadratic",
-    "gyro.temperature_rate": "rate_of_change",
-    "gyro.bandwidth": "time",
-    "link.fixed_delay": "time",
-    "stand.lever_arm": "length",
+COMPARED: dict[str, tuple[str, float]] = {
+    "gyro.g_sensitivity": ("deg/s/g", 1.0),
+    "gyro.supply_sensitivity": ("deg/s/V", 1.0),
+    "gyro.magnetic_sensitivity": ("deg/s/uT", 1.0),
+    "gyro.even_nonlinearity": ("1 per deg/s", 1 / 200),
+    "gyro.scale_factor_nonlinearity": ("1 per deg/s per deg/s", 1 / 200**2),
+    "gyro.scale_factor_temperature": ("1/degC", 1.0),
+    "gyro.temperature_rate": ("deg/s per degC/min", 1.0),
+    "gyro.warm_up": ("deg/s", 1.0),
+    "gyro.bandwidth": ("s", 1.0),
+    "acc.scale_factor_temperature": ("1/degC", 1.0),
+    "acc.quadratic_nonlinearity": ("1/g", 1.0),
+    "acc.odd_quadratic_nonlinearity": ("1/g", 1.0),
+    "acc.cubic_nonlinearity": ("1/g/g", 1.0),
+    "acc.warm_up": ("g", 1.0),
+    "link.fixed_delay": ("s", 1.0),
+    "stand.lever_arm": ("m", 1.0),
 }
+"""Effect to the unit of the label's coefficients and a factor: its columns have sizes of their own."""
+
+
+def si(unit: str) -> tuple[float, dict[str, int]] | None:
+    """(size in SI, exponents of base units) of `deg/s/g`, `rad/s per m/s^2`, …; None if not understood."""
+    groups = re.sub(r"/\(([^)]*)\)", r" per \1", unit).split(" per ")
+    size, exponents = 1.0, dict.fromkeys(("rad", "m", "s", "K", "V", "T"), 0)
+    for number, group in enumerate(groups):
+        for place, word in enumerate(group.strip().split("/")):
+            name, _, power = word.partition("^")
+            sign = (1 if place == 0 else -1) * (1 if number == 0 else -1) * (int(power) if power else 1)
+            if name in ("g", "mg", "ug"):
+                size *= (STANDARD_GRAVITY * {"g": 1, "mg": 1e-3, "ug": 1e-6}[name]) ** sign
+                exponents["m"] += sign
+                exponents["s"] -= 2 * sign
+            elif name in _ATOMS:
+                size *= _ATOMS[name][0] ** sign
+                if _ATOMS[name][1]:
+                    exponents[_ATOMS[name][1]] += sign
+            else:
+                return None
+    return size, exponents
 
 
 def normalised_errors(one: Judged) -> list[float]:
     """Errors of a report's parameters in Cramér–Rao standard deviations; empty where not comparable."""
     facts, bounds = one.label["facts"][0], one.oracle.get("cramer_rao", [])
     coefficients = facts.get("coefficients", [])
-    quantity = COMPARED.get(one.truth[0])
     which = one.report.get("which") or []
-    if quantity is None or len(coefficients) != 1 or not which:
+    if one.truth[0] not in COMPARED or len(coefficients) != 1 or not which:
         return []
+    unit, factor = COMPARED[one.truth[0]]
+    wanted = si(unit)
+    assert wanted is not None
     found = []
     for _, parameter in sorted(which[0].get("parameters", {}).items()):
-        kind, size = UNITS.get(str(parameter.get("unit")), ("", 0.0))
-        if kind == quantity:
-            found.append(float(parameter["value"]) * size)
+        given = si(str(parameter.get("unit")))
+        if given is not None and given[1] == wanted[1]:
+            found.append(float(parameter["value"]) * given[0] / wanted[0] / factor)
     values = coefficients[0]["values"]
     if len(found) != len(values) or len(bounds) < len(values):
         return []

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.blind.case_plan import LADDER
+from tests.blind.parameters import normalised_errors, si
 from tests.blind.scorer import Row, clopper_pearson, scored
 from tests.blind.verdicts import Judged, SealError, opened
 
@@ -137,3 +138,35 @@ def test_a_changed_label_is_noticed(sealed: tuple[Path, Path, Path]) -> None:
     (sealed[1] / "case-00001.json").write_text(json.dumps(_label("single", [EFFECTS[0]], 8.0)))
     with pytest.raises(SealError, match="changed"):
         opened(*sealed)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [
+        ("deg/s/g", np.pi / 180 / 9.80665),
+        ("rad/s per m/s^2", 1.0),
+        ("deg/s/(degC/min)", np.pi / 180 * 60),
+        ("1 per m/s^2 per m/s^2", 1.0),
+        ("ppm/degC", 1e-6),
+    ],
+)
+def test_units_of_parameters(unit: str, size: float) -> None:
+    understood = si(unit)
+    assert understood is not None
+    assert understood[0] == pytest.approx(size)
+    assert si("furlong") is None
+
+
+def test_parameters_are_compared_in_any_unit() -> None:
+    """0.002 deg/s/g against 1.0 and 1.5 bounds above it, given in SI."""
+    label = _label("single", ["gyro.g_sensitivity"], 8.0)
+    label["facts"] = [{"coefficients": [{"channels": ["gyro_x"], "values": [0.002, 0.0, 0.001]}]}]
+    label["oracle"]["cramer_rao"] = [1e-4, 1e-4, 1e-4]
+    si_unit = np.pi / 180 / 9.80665
+    parameters = {
+        f"acc_{axis}": {"value": value * si_unit, "unit": "rad/s per m/s^2"}
+        for axis, value in zip("xyz", (0.0021, 0.00015, 0.001), strict=True)
+    }
+    report = {**_report("attributed", ["gyro.g_sensitivity"])}
+    report["which"][0]["parameters"] = parameters
+    assert normalised_errors(_judged(label, report)) == pytest.approx([1.0, 1.5, 0.0])
