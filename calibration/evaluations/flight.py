@@ -335,7 +335,7 @@ def _result(
     both = (("roll angle", roll), ("pitch angle", pitch))
     numbers = np.array([PHASE_NAMES.index(name) if name in PHASE_NAMES else -1 for name in phase.tolist()])
     curves = {
-        "time": ("s", time_s[usable]),
+        "time": ("s", time_s[usable] - time_s[usable][0]),
         "roll_error": ("rad", error[usable, 0]),
         "pitch_error": ("rad", error[usable, 1]),
         "phase_number": ("1", numbers[usable].astype(np.float64)),
@@ -375,5 +375,6 @@ def _result(
         of_reference,
         {name: number for number, name in enumerate(PHASE_NAMES)},
         (curves_table("errors_over_time", curves),),
+        computed_here=sensor == OURS,
     )
     return SensorResult(sensor, content, recordings, tuple(beside))

@@ -157,8 +157,12 @@ def attitude_content(
     of_reference_rad: float,
     numbers: Mapping[str, int],
     tables: Sequence[RecordTable],
+    computed_here: bool = False,
 ) -> RecordContent:
-    """1 sigma of roll and pitch, overall first, then phase by phase; `numbers`: of phases, as drawn."""
+    """1 sigma of roll and pitch, overall first, then phase by phase.
+
+    `numbers`: of phases, as drawn; `computed_here`: the attitude is our strapdown algorithm's.
+    """
     phases = [OVERALL, *(name for name in roll if name != OVERALL)]
     quantities = [
         sigma_quantity(f"{angle}_error_{phase}", "", figures[phase], of_reference_rad)
@@ -170,7 +174,7 @@ def attitude_content(
         name="errors_by_phase",
         row_names=tuple(f"{angle}, {_numbered(phase, numbers)}" for angle, phase, _ in rows),
         columns=(
-            _column("root_mean_square", "rad", [one.sigma for _, _, one in rows]),
+            _column("rms", "rad", [one.sigma for _, _, one in rows]),
             _column("mean", "rad", [one.mean for _, _, one in rows]),
             _column("largest", "rad", [one.largest for _, _, one in rows]),
             _column("independent_samples", "1", [one.independent_samples for _, _, one in rows]),
@@ -179,7 +183,10 @@ def attitude_content(
     )
     return RecordContent(
         method="attitude_error",
-        model=Model(name="attitude_error", equation="sigma = rms(attitude - reference), about zero"),
+        model=Model(
+            name="strapdown_attitude_error" if computed_here else "attitude_error",
+            equation="sigma = rms(attitude - reference), about zero",
+        ),
         quantities=tuple(quantities),
         tables=(by_phase, *tables),
     )
