@@ -196,6 +196,14 @@ def _attitude_error(say: Say) -> MethodWords:
     return MethodWords(
         say("flight or drive against a reference: root mean square of roll and pitch errors, phase by phase"),
         say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, sections 3 and 4.2"),
+        (say("errors have a memory: intervals count independent samples, not all of them."),),
+    )
+
+
+def _strapdown_error(say: Say) -> MethodWords:
+    return MethodWords(
+        say("flight or drive against a reference: root mean square of roll and pitch errors, phase by phase"),
+        say("Liu, Hang, Li & Sun: MEMS inertial attitude reference system, 2012, sections 3 and 4.2"),
         (
             say(
                 "gates are set on the norm and on V ω, with their noise; the printed norm gate admits 26° of "
@@ -206,7 +214,10 @@ def _attitude_error(say: Say) -> MethodWords:
     )
 
 
-_OF_MODELS = {("magnetometer", "spin"): _spin}
+_OF_MODELS = {
+    ("magnetometer", "spin"): _spin,
+    ("attitude_error", "strapdown_attitude_error"): _strapdown_error,
+}
 _METHODS = {
     "imu_calibration": _imu_calibration,
     "ferraris": _ferraris,
