@@ -113,7 +113,7 @@ def test_twenty_units_by_the_whole_route_are_covered() -> None:
     found: dict[str, list[np.ndarray]] = {"acc": [], "gyro": []}
     for seed in range(1, 21):
         twin = followed(seed)
-        recordings = [thermal(seed, mount, twin, soak_s=500.0, levels=9.0) for mount in (1, 2)]
+        recordings = [thermal(seed, mount, twin, soak_s=500.0, levels=9.0) for mount in (1, 2, 3)]
         for kind, each in found.items():
             each.append(pulls(fitted(recordings, kind, 27.0), twin, kind, 27.0))
     for kind, each in found.items():
