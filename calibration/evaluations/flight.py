@@ -256,7 +256,7 @@ def _phases(recording: Recording, dut: Stream, ours: _Ours | None) -> tuple[NDAr
             raise refused(
                 recording,
                 f"The stream 'phases' has the number {int(numbers.max())} of {len(PHASE_NAMES)} phases.",
-                "number them as docs/calibration.md says",
+                f"number them from 0 in this order: {', '.join(PHASE_NAMES)}",
                 "stream phases",
             )
         index = np.searchsorted(stream.time_s(), dut.time_s() + 1e-9, side="right") - 1
