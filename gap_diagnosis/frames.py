@@ -89,7 +89,8 @@ def duplicates(sensor: SensorName, output: SensorOutput) -> TimingFinding | None
     equal, expected = len(repeats), chance * number
     found = (equal / number - chance) / (1.0 - chance)
     unknown = UNKNOWN_CHANCE if output.quantum_si <= 0 else 1e-5  # the chance is estimated
-    allowed = 1.5 * expected + 3.0 * math.sqrt(expected) + unknown * number
+    several = _chance_at_most(steps[known])  # a channel that stands still repeats itself
+    allowed = 1.5 * expected + 3.0 * math.sqrt(expected) + (unknown + 1.5 * several) * number
     everywhere = np.flatnonzero((steps == 0.0).all(axis=1))
     if found <= 0 or equal <= allowed or _is_slower(everywhere, equal / number):
         return None
@@ -135,6 +136,13 @@ def _is_slower(repeats: IntArray, share: float) -> bool:
     seen = np.bincount(np.minimum(distance, PATTERN_DISTANCES + 1), minlength=PATTERN_DISTANCES + 2)
     random = own * (1.0 - own) ** (ways - 1)
     return float(np.abs(seen[1:-1] / len(distance) - random).sum()) / 2.0 > PATTERN
+
+
+def _chance_at_most(steps: FloatArray) -> float:
+    """Of several axes that have nothing to do with each other; 0 for one, which no copy is told from."""
+    if steps.shape[1] < 2 or not len(steps):
+        return 0.0
+    return math.prod(np.count_nonzero(axis == 0.0) / len(axis) for axis in steps.T)
 
 
 def _chance(steps: FloatArray, quantum_si: float) -> float:

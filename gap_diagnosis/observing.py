@@ -29,7 +29,7 @@ from gap_diagnosis.holes import median_period_s, piece_numbers
 from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside, TimingFinding
 from gap_diagnosis.plausibility import refuse_mistakes
 from gap_diagnosis.prediction import earth_rate_in_body, gravity_in_body, predicted_si
-from gap_diagnosis.rest import refuse_unless_at_rest
+from gap_diagnosis.rest import at_rest, refuse_unless_at_rest
 from gap_diagnosis.stand_at_unit import StandReport, stand_at
 from gap_diagnosis.temperature import smoothed
 from gap_diagnosis.timing import LEAST_LOG_RATIO, StandTiming, timing_against_stand
@@ -188,6 +188,13 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
     stand = recording.streams.get("stand")
     report = stand_at(stand, time_s, unit.mean_over_s)
     site = site_of(recording)
+    if not unit.triads and unit.unread:
+        raise DiagnosisError(
+            f"Nothing that the unit sends can be read. {' '.join(unit.unread)}",
+            where=f"recording {recording.recording_id}, stream dut",
+            fault=Fault.DATA,
+            remedy="give the column's unit, or believed.counts with per_unit and at_zero.",
+        )
     notes: list[SetAside] = [
         SetAside(sentence.split(":")[0], len(time_s), sentence) for sentence in unit.unread
     ]
@@ -208,6 +215,9 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
     stimulus, has_temperature = _stimulus(unit, report, site, time_s, added_s)
     outputs, said = _outputs(unit, stimulus, report, piece)
     notes += [*_missing(unit, usable), *said]
+    if at_rest(outputs):
+        why = "the unit was at rest: what acts by motion, and the clocks, cannot be told"
+        notes.append(SetAside("motion", 0, why))
     if not outputs:
         raise DiagnosisError(
             "Nothing that the unit sends can be predicted from what the stand reports.",

@@ -16,8 +16,8 @@ from gap_diagnosis.observation import AXES, Observation, SensorOutput
 from protocol.errors import Fault
 from protocol.units_of_measure import KNOWN_UNITS, factor_to_si, quantity_of
 
-AGREES, DISAGREES = 0.9, 0.5
-"""|correlation| of an axis with the one that it shows, and at most with its own."""
+AGREES, DISAGREES, CLEARLY = 0.9, 0.5, 0.02
+"""|correlation| of an axis with the one that it shows, the largest with its own, and what it is more by."""
 GAIN_TOLERANCE = 0.15
 """Of the logarithm: a scale factor is never so wrong, and no two units are so near."""
 LEAST_GAIN_CORRELATION = 0.9
@@ -58,7 +58,10 @@ def _refuse_wrong_axes(sensor: SensorName, output: SensorOutput, where: str) -> 
         found = {other: _correlation(values[:, axis], predicted[:, other]) for other in others}
         shown = max(found, key=lambda other: abs(found[other]))
         name = f"{sensor}_{AXES[axis]}"
-        if found[axis] < -AGREES:
+        is_other = (
+            shown != axis and abs(found[shown]) > AGREES and abs(found[shown]) > abs(found[axis]) + CLEARLY
+        )
+        if found[axis] < -AGREES and not is_other:
             raise DiagnosisError(
                 f"{name} has the wrong sign: it shows the stand's motion turned round "
                 f"(correlation {found[axis]:.3f}).",
@@ -66,7 +69,7 @@ def _refuse_wrong_axes(sensor: SensorName, output: SensorOutput, where: str) -> 
                 fault=Fault.DATA,
                 remedy="turn the sign of this column, or tell the stand's motion in the unit's axes.",
             )
-        if shown != axis and abs(found[shown]) > AGREES and abs(found[axis]) < DISAGREES:
+        if is_other and found[axis] < DISAGREES:
             sign = "" if found[shown] > 0 else "−"
             raise DiagnosisError(
                 f"Axes are exchanged: {name} shows what the stand reports for {sign}{AXES[shown]} "

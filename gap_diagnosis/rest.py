@@ -7,6 +7,7 @@ import numpy as np
 
 from dut_emulator.effects.effect import FloatArray, SensorName
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.observation import SensorOutput
 from gap_diagnosis.unit_outputs import UnitTriad
 from protocol.errors import Fault
 from protocol.recordings import Recording
@@ -15,6 +16,7 @@ AVERAGED_S = 0.5
 LARGEST_CHANGE: dict[SensorName, float] = {"gyro": 0.03, "acc": 0.3, "mag": 2e-6}
 """SI, of means over `AVERAGED_S` about their median. Above the noise and the slow noise of MEMS; 0.03 rad/s
 are 1.7 °/s, which any hand exceeds."""
+STILL = 0.1
 LEAST_SHARE = 0.01
 """Of the means: a knock at the bench is no motion."""
 
@@ -48,6 +50,17 @@ def refuse_unless_at_rest(
                 fault=Fault.DATA,
                 remedy=remedy,
             )
+
+
+def at_rest(outputs: Mapping[SensorName, SensorOutput]) -> bool:
+    """True if no triad's prediction goes through more than `STILL` of what would be motion."""
+    for sensor, largest in LARGEST_CHANGE.items():
+        if sensor in outputs:
+            predicted = outputs[sensor].predicted_si
+            predicted = predicted[np.isfinite(predicted).all(axis=1)]
+            if len(predicted) and float(np.ptp(predicted, axis=0).max()) > STILL * largest:
+                return False
+    return True
 
 
 def _changes(values_si: FloatArray, period_s: float) -> FloatArray:
