@@ -8,8 +8,10 @@ Gauss-Markov term (`noise_covariance`). Three states of knowledge of the slow pa
     a tuple of (sigma, tau)  stated beforehand; an infinite tau is constant over the record
     ()                       there is none
     None                     levels and times are weighed by their restricted likelihood with S
-                             integrated out, half the prior on white noise alone. A wander slower than the
-                             record looks like a bias, and nobody can tell: only a stated term covers it.
+                             integrated out, a tenth of the prior on white noise alone. A wander slower than
+                             the record looks like a bias, and the data bound it loosely: times of up to 16
+                             records take part, so that intervals hold, and a constant costs several times
+                             the uncertainty that white noise has. State the slow noise where it is known.
 
 Restricted likelihood: Patterson & Thompson, Biometrika 58 (1971) 545. A variance from few degrees of freedom
 is that of the t distribution (JCGM 101:2008, 6.4.9.2). All channels are solved at once, in the eigenvectors
@@ -38,6 +40,7 @@ MAX_CHI_SQUARE_SIGMAS = 3.0
 """Residuals further above the stated noise widen the covariance (Birge ratio)."""
 LEVELS, TIMES = 12, 6
 """Of the slow noise, weighed where it is not known."""
+LONGEST_SPANS, WHITE_PRIOR = 16.0, 0.1
 _RELATIVE_FLOOR = 1e-12
 
 
@@ -235,14 +238,14 @@ def _weighed(x: FloatArray, y: FloatArray, blocks: Blocks) -> _Hypotheses:
     count = len(x)
     total_s = float(blocks.duration_s.sum())
     span_s = max(float(np.ptp(blocks.middle_s)), total_s)
-    times = np.geomspace(2.0 * float(np.median(blocks.duration_s)), 4.0 * span_s, TIMES)
+    times = np.geomspace(2.0 * float(np.median(blocks.duration_s)), LONGEST_SPANS * span_s, TIMES)
     largest = 8.0 * float(count) ** 0.5
     squared_levels = np.asarray(np.geomspace(0.25, largest, LEVELS) ** 2 / total_s, dtype=np.float64)
-    parts = [_hypotheses(x, y, np.zeros((count, count)), np.zeros(1), 0.5)]
+    parts = [_hypotheses(x, y, np.zeros((count, count)), np.zeros(1), WHITE_PRIOR)]
     words = ["white noise"]
     for time_s in times:
         shape = _slow_covariance(blocks, ((1.0, float(time_s)),))
-        parts.append(_hypotheses(x, y, shape, squared_levels, 0.5 / (LEVELS * TIMES)))
+        parts.append(_hypotheses(x, y, shape, squared_levels, (1.0 - WHITE_PRIOR) / (LEVELS * TIMES)))
         words += [
             f"bias instability of {np.sqrt(level * total_s):.2g} times the white noise, {time_s:.3g} s"
             for level in squared_levels.tolist()

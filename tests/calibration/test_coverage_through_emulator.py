@@ -1,0 +1,48 @@
+"""68 and 95 % intervals of rests, staircases and tumbles hold the emulated unit's truth at their rate."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from calibration.evaluations.by_profile import evaluate_by_profile
+from dut_emulator.products.catalogue import product_named
+from dut_emulator.recording.recorder import recorded
+from tests.calibration.shaped_noise import check_coverage
+from tests.calibration.test_inertial_evaluations import figures
+
+KEPT = {"bias", "scale_factor_error", "misalignment", "white_noise", "bias_instability"}
+ORDERS = {
+    "static": {"values": {"duration_s": 190.0}, "rate_hz": 10.0},
+    "rate_staircase": {"values": {"steps": 2.0, "dwell_s": 1.0}, "rate_hz": 50.0},
+    "tumble": {"values": {"rate_deg_s": 20.0}, "rate_hz": 50.0},
+}
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("profile", ORDERS)
+@pytest.mark.parametrize("seeds", [4, pytest.param(200, marks=pytest.mark.slow)])
+def test_intervals_hold_the_truth_of_an_emulated_unit(profile: str, seeds: int) -> None:
+    """One unit without what the figures do not model (temperature, quanta), a noise and a power-on a run."""
+    whole = product_named("gnc_module").twin(1, "U-0001")
+    twin = dataclasses.replace(whole, effects=tuple(one for one in whole.effects if one.word in KEPT))
+    pulls: list[list[float]] = []
+    for run in range(1, seeds + 1):
+        recording = recorded("gnc_module", profile, twin=twin, run=run, **ORDERS[profile])
+        believed = recording.believed["gyro"]
+        true = {
+            f"bias_{axis}": value for axis, value in zip("xyz", np.radians(believed["bias"]), strict=True)
+        }
+        if profile == "rate_staircase":
+            true |= {f"scale_factor_{axis}": believed["matrix"][k][k] for k, axis in enumerate("xyz")}
+            true |= {f"scale_factor_asymmetry_{axis}": 0.0 for axis in "xyz"}
+        if profile == "tumble":
+            true |= {f"g_sensitivity_{row}{column}": 0.0 for row in "xyz" for column in "xyz"}
+        told = figures(evaluate_by_profile([recording]))
+        pulls.append([(told[name][0] - value) / told[name][1] for name, value in true.items()])
+    if seeds < 100:
+        assert np.abs(pulls).max() < 4.5
+        return
+    # the stated level of the instability is an rms over units: this unit has a little less; the stand's
+    # rate is good to half of what is taken for it
+    check_coverage(np.array(pulls), more=0.25)
