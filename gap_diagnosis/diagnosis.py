@@ -146,7 +146,9 @@ def diagnose_observations(
     timing = _certain(observations, without)
     progress("report", 0.95)
     return report_of(
-        Findings(prepared, located, found, attribution, fit, held, left.located if left else None, timing)
+        Findings(
+            prepared, located, found, attribution, fit, held, left.located if left else None, timing, without
+        )
     )
 
 
@@ -232,7 +234,7 @@ def remainder(
         if cause.trial < 0:
             systems = projected(systems, again.design, cause)
     nothing = Scan({"": np.zeros(nulls + 1)}, np.zeros((0, nulls + 1)), {})
-    return Remainder(localise(again, systems, nothing))
+    return Remainder(localise(again, systems, nothing, white=False))
 
 
 def _as_noisy(noise: ChannelNoise, beyond: ChannelSystem, rng: np.random.Generator) -> ChannelNoise:

@@ -75,10 +75,12 @@ class Localisation:
     beyond_nulls: bool
 
 
-def localise(prepared: Prepared, systems: Mapping[Channel, ChannelSystem], scanned: Scan) -> Localisation:
-    """Test everything against the nulls that `systems` carry."""
+def localise(
+    prepared: Prepared, systems: Mapping[Channel, ChannelSystem], scanned: Scan, *, white: bool = True
+) -> Localisation:
+    """Test everything against the nulls that `systems` carry; `white`: the level of the white noise too."""
     statistics, cells = _cell_statistics(prepared, systems)
-    noise_statistics, noises = _noise_statistics(prepared, systems)
+    noise_statistics, noises = _noise_statistics(prepared, systems, white=white)
     templates = log_mean_exp(np.array(list(scanned.log_bayes_factor.values())), 0)
     families = {
         "cells": statistics.max(axis=0) if len(statistics) else np.zeros_like(templates),
@@ -185,14 +187,14 @@ _Noise = tuple[NoiseFinding, float]
 
 
 def _noise_statistics(
-    prepared: Prepared, systems: Mapping[Channel, ChannelSystem]
+    prepared: Prepared, systems: Mapping[Channel, ChannelSystem], *, white: bool
 ) -> tuple[FloatArray, list[_Noise]]:
     """White level against its spread, slow level beyond the belief; of each channel."""
     rows: list[FloatArray] = []
     found: list[_Noise] = []
     for channel, system in systems.items():
         noise = prepared.noise[channel]
-        if noise.log_white_ratio is not None:
+        if white and noise.log_white_ratio is not None:
             ratios = np.concatenate([[noise.log_white_ratio], noise.null_log_white_ratios])
             statistic = _minus_log10_p((ratios / noise.belief.white_spread) ** 2, 1)
             rows.append(statistic)

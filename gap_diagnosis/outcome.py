@@ -13,16 +13,17 @@ from gap_diagnosis.fitting import FittedEffect, JointFit
 from gap_diagnosis.held_out import HeldOut, Shrinkage, shrinkage_of
 from gap_diagnosis.localisation import CellFinding, Localisation
 from gap_diagnosis.observation import Channel, TimingFinding
-from gap_diagnosis.prepared import Prepared
+from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.regimes import variable_of
 from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
-from gap_diagnosis.search import Search
+from gap_diagnosis.search import EXPECTED_EFFECTS, Search
 
 SIGNIFICANT_P = 0.05
 REMAINDER_P = 0.01
 NAMED_PROBABILITY = 0.95
 CLOSED_SHARE = 0.8
 MAX_PLACES, MAX_NAMES = 24, 12
+LARGEST_FACTOR = 30.0
 FIELD: Mapping[str, tuple[str, float]] = {
     "gyro": ("deg/s", math.pi / 180.0),
     "acc": ("m/s^2", 1.0),
@@ -45,12 +46,13 @@ class Findings:
     held: HeldOut | None
     left: Localisation | None
     timing: tuple[TimingFinding, ...]
+    without: frozenset[str]
 
 
 def report_of(found: Findings) -> GapReport:
     """The report."""
     noises = _noise_claims(found)
-    gap = found.located.p < SIGNIFICANT_P or bool(found.timing)
+    gap = found.located.p < SIGNIFICANT_P or bool(found.timing) or bool(noises)
     shrinkage = _shrinkage(found)
     verdict, why = _verdict(found, gap, noises, shrinkage)
     document: dict[str, Any] = {
@@ -91,8 +93,17 @@ def _telling_channels(found: Findings) -> tuple[Channel, ...]:
 _NAMED = ("attributed", "confusable")
 
 
+@dataclass(frozen=True)
+class NoiseClaim:
+    """White noise beyond belief."""
+
+    name: str
+    probability: float
+    channels: tuple[Channel, ...]
+
+
 def _verdict(
-    found: Findings, gap: bool, noises: Sequence[tuple[str, float]], shrinkage: Shrinkage | None
+    found: Findings, gap: bool, noises: Sequence[NoiseClaim], shrinkage: Shrinkage | None
 ) -> tuple[Verdict, str | None]:
     """The verdict, and what remains in words where the data do not fit a set."""
     if not gap:
@@ -101,7 +112,7 @@ def _verdict(
     deterministic = [cause for cause in best.causes if cause.trial >= 0] if best is not None else []
     probability = found.attribution.probability
     if best is None or (found.search.sets and not found.search.sets[0].causes):
-        named = [name for name, _ in noises] + [finding.effect for finding in found.timing]
+        named = [claim.name for claim in noises] + [finding.effect for finding in found.timing]
         return ("attributed", None) if named else ("unattributed", _describe(found.located))
     if found.left is not None and found.left.p < REMAINDER_P:
         return "unattributed", _describe(found.left)
@@ -207,17 +218,56 @@ def _place(cell: CellFinding, p: float, tail: bool) -> dict[str, Any]:
     }
 
 
-def _noise_claims(found: Findings) -> list[tuple[str, float]]:
-    """Names of noises that are beyond belief by themselves, with a probability."""
-    claims: dict[str, float] = {}
-    for noise in found.located.noises:
-        if noise.kind == "white" and noise.p_adjusted < REMAINDER_P and noise.ratio > 1.0:
-            name = WHITE_NAMES[noise.channel.sensor]
-            claims[name] = max(claims.get(name, 0.0), 1.0 - noise.p_adjusted)
-    return sorted(claims.items(), key=lambda item: -item[1])
+def _noise_claims(found: Findings) -> list[NoiseClaim]:
+    """White noise beyond the spread that the belief allows: of a triad as a whole, or of one axis."""
+    claims: list[NoiseClaim] = []
+    threshold = math.log(max(found.search.effects, 1) / EXPECTED_EFFECTS)
+    for sensor, name in WHITE_NAMES.items():
+        if name in found.without:
+            continue
+        ratios = {
+            channel: noise.log_white_ratio
+            for channel, noise in found.prepared.noise.items()
+            if channel.sensor == sensor and noise.log_white_ratio is not None
+        }
+        if not ratios:
+            continue
+        spread = found.prepared.noise[next(iter(ratios))].belief.white_spread
+        evidence, channels = white_excess(ratios, spread)
+        if evidence > threshold:
+            probability = 1.0 / (1.0 + math.exp(-min(evidence - threshold, 600.0)))
+            claims.append(NoiseClaim(name, probability, channels))
+    return sorted(claims, key=lambda claim: -claim.probability)
 
 
-def _which(found: Findings, noises: Sequence[tuple[str, float]]) -> list[dict[str, Any]]:
+def white_excess(log_ratios: Mapping[Channel, float], spread: float) -> tuple[float, tuple[Channel, ...]]:
+    """ln B of more white noise than believed, by any factor up to `LARGEST_FACTOR`, and on which axes.
+
+    A unit's level is common to its axes (recording.md); an axis strays from it by `AXIS_SHARE` of the spread.
+    """
+    values = list(log_ratios.values())
+
+    def of(excess: float, deviation: float) -> float:
+        if excess <= 0.0:
+            return -math.inf
+        flat = math.log(math.log(LARGEST_FACTOR))
+        return 0.5 * (excess / deviation) ** 2 + math.log(deviation * math.sqrt(2.0 * math.pi)) - flat
+
+    best = of(sum(values) / len(values), spread), tuple(log_ratios)
+    for channel, value in log_ratios.items():
+        others = [v for c, v in log_ratios.items() if c != channel]
+        if not others:
+            continue
+        alone = of(
+            value - sum(others) / len(others), AXIS_SHARE * spread * math.sqrt(1.0 + 1.0 / len(others))
+        )
+        alone -= math.log(len(values))
+        if alone > best[0]:
+            best = alone, (channel,)
+    return best
+
+
+def _which(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]]:
     entries: list[dict[str, Any]] = []
     fitted: dict[str, list[FittedEffect]] = {}
     for one in found.fit.effects if found.fit is not None else ():
@@ -240,18 +290,15 @@ def _which(found: Findings, noises: Sequence[tuple[str, float]]) -> list[dict[st
                     "sensor": cause.channels[0].sensor if cause is not None and cause.channels else None,
                 }
             )
-    for name, probability in noises:
-        channels = [
-            n for n in found.located.noises if n.kind == "white" and WHITE_NAMES[n.channel.sensor] == name
-        ]
+    for claim in noises:
         entries.append(
             {
-                "effect": name,
-                "probability": probability,
-                "channels": [n.channel.name for n in channels],
-                "parameters": _white_parameters(found, [n.channel for n in channels]),
+                "effect": claim.name,
+                "probability": claim.probability,
+                "channels": [channel.name for channel in claim.channels],
+                "parameters": _white_parameters(found, claim.channels),
                 "confusable_with": [],
-                "sensor": channels[0].channel.sensor,
+                "sensor": claim.channels[0].sensor,
             }
         )
     for finding in found.timing:
@@ -327,9 +374,9 @@ def _white_parameters(found: Findings, channels: Sequence[Channel]) -> dict[str,
     return parameters
 
 
-def _sets(found: Findings, noises: Sequence[tuple[str, float]]) -> list[dict[str, Any]]:
+def _sets(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]]:
     """The most probable sets; what timing and white noise show by themselves is part of each."""
-    certain = [name for name, _ in noises] + [finding.effect for finding in found.timing]
+    certain = [claim.name for claim in noises] + [finding.effect for finding in found.timing]
     sets = [
         {"effects": sorted({*names, *certain}), "probability": min(p, 1.0)}
         for names, p in found.attribution.sets

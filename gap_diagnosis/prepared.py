@@ -16,6 +16,8 @@ from gap_diagnosis.observation import Channel, NoiseBelief, Observation
 from gap_diagnosis.whitened import ChannelSystem, NullNoise, RecordingMoments, channel_system, moments
 
 SMALLEST_WHITE = 1e-12
+AXIS_SHARE = 0.5
+"""Of a unit's spread of noise levels: what each axis has of its own."""
 MATRIX_PRIOR = 0.05
 """Standard deviation of what a recalibration changes in a scale factor or an alignment."""
 
@@ -93,6 +95,9 @@ def prepare(
     """
     design = designed(observations, trials, cells=cells, wanted=wanted)
     longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
+    common = {
+        sensor: rng.standard_normal((2, nulls)) for sensor in sorted({c.sensor for c in design.channels})
+    }
     noise: dict[Channel, ChannelNoise] = {}
     statistics: dict[Channel, dict[int, RecordingMoments]] = {}
     for channel, part in design.channels.items():
@@ -102,7 +107,9 @@ def prepare(
         }
         if known_noise is None:
             quiet = {i: _recalibrated(residual, part.matrices[i]) for i, residual in residuals.items()}
-            noise[channel] = _noise_of(observations, channel, quiet, part.rows, longest_s, nulls, rng)
+            noise[channel] = _noise_of(
+                observations, channel, quiet, part.rows, longest_s, common[channel.sensor], rng
+            )
         else:
             noise[channel] = known_noise[channel]
         statistics[channel] = {
@@ -133,10 +140,16 @@ def _noise_of(
     residuals: Mapping[int, FloatArray],
     rows: Mapping[int, NDArray[np.bool_]],
     longest_s: float,
-    nulls: int,
+    common: FloatArray,
     rng: np.random.Generator,
 ) -> ChannelNoise:
-    """One density for all recordings; the quantiser's part is added to the believed one before comparing."""
+    """One density for all recordings; the quantiser's part is taken off before comparing with the belief.
+
+    common: (2, j) the nulls' draws that all axes of the triad share: slow level and white level.
+    """
+    nulls = common.shape[1]
+    own = rng.standard_normal((2, nulls))
+    draws = math.sqrt(1.0 - AXIS_SHARE**2) * common + AXIS_SHARE * own
     first = next(iter(residuals))
     output = observations[first].outputs[channel.sensor]
     belief = output.noise
@@ -157,9 +170,9 @@ def _noise_of(
     if shape.level_si is None:
         null_levels = rng.choice(levels.level_si, size=nulls)
     else:
-        null_levels = shape.level_si * np.exp(shape.spread * rng.standard_normal(nulls))
+        null_levels = shape.level_si * np.exp(shape.spread * draws[0])
     knots = {
         i: knots_for(observations[i].stimulus.time_s[use], shapes) for i, use in rows.items() if use.any()
     }
-    null_ratios = belief.white_spread * rng.standard_normal(nulls)
+    null_ratios = belief.white_spread * draws[1]
     return ChannelNoise(white, belief, ratio, levels, knots, NullNoise(null_levels), null_ratios)
