@@ -20,7 +20,8 @@ AR_ORDER = 8
 MAX_MISSING_FOR_AR = 0.02
 """With more missing values than this, an autoregression would lose most rows: the sandwich does it alone."""
 ITERATIONS = 8
-SETTLED_S = 1e-8
+SETTLED_S, SETTLED = 1e-8, 0.01
+"""A step is the last one if it is below this, or below this share of the standard uncertainty."""
 LEAST_ROWS = 100
 LARGEST_STEP_S = 0.25
 LEAST_BLOCKS, MAX_BLOCKS = 20, 100
@@ -130,7 +131,7 @@ def fitted_delay(
         if largest_s > LARGEST_STEP_S:
             step *= LARGEST_STEP_S / largest_s
         theta = theta + step
-        settled = largest_s < max(SETTLED_S, 1e-3 * float((outcome.standard_uncertainties * scale).min()))
+        settled = largest_s < max(SETTLED_S, SETTLED * float((outcome.standard_uncertainties * scale).min()))
         if iteration >= 1 and weights is None:
             weights = weights_next
         if settled and (iteration >= 2 or start is not None):
@@ -183,12 +184,15 @@ def _one_step(
 
 def _cleared(columns: FloatArray, k: int) -> FloatArray:
     """(m, 1 + k) residual and patterns with the nuisances projected out."""
-    nuisances = columns[:, 1 : columns.shape[1] - k]
-    norms = np.linalg.norm(nuisances, axis=0)
-    q, r = np.linalg.qr(nuisances[:, norms > 0] / norms[norms > 0])
-    good = q[:, np.abs(np.diag(r)) > COLLINEAR]
-    kept = np.delete(columns, np.s_[1 : columns.shape[1] - k], axis=1)
-    return kept - good @ (good.T @ kept)
+    last = columns.shape[1] - k
+    nuisances = columns[:, 1:last]
+    kept = np.concatenate([columns[:, :1], columns[:, last:]], axis=1)
+    gram = nuisances.T @ nuisances
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram / np.outer(scale, scale), rcond=COLLINEAR, hermitian=True)
+    share = inverse @ ((nuisances.T @ kept) / scale[:, np.newaxis])
+    kept -= nuisances @ (share / scale[:, np.newaxis])
+    return kept
 
 
 @dataclass(frozen=True)

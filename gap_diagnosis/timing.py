@@ -112,19 +112,18 @@ def _drift(sensor: SensorName, fit: DelayFit, triad: Triad, power_on_s: float) -
     """A delay (possibly none) and a drift, in that order; None where no drift can be claimed."""
     if fit.moved_for_s < LEAST_DRIFT_S or 0.5 * _drift_gain(*_blocks(fit)) < LEAST_LOG_RATIO / 2:
         return None
-    since = triad.time_s - power_on_s
-    middle = triad.time_s - float(np.mean(triad.time_s))
-    constant = np.ones(len(since))
+    middle_s = float(np.mean(triad.time_s))
+    middle, constant = triad.time_s - middle_s, np.ones(len(triad.time_s))
     centred = fitted_delay(triad, [constant, middle], fit)
     if centred is None or not _is_certain(centred, 1):
         return None
     curved = fitted_delay(triad, [constant, middle, middle**2], centred)
     if curved is None or abs(curved.values[2]) > STRAIGHT * curved.standard_uncertainties[2]:
         return None
-    both = fitted_delay(triad, [constant, since], fit)
-    if both is None:
-        return None
-    (delay_s, rate), (delay_u, rate_u) = both.values.tolist(), both.standard_uncertainties.tolist()
+    rate, since_s = float(centred.values[1]), middle_s - power_on_s  # from the middle back to power-on
+    back = np.array([[1.0, -since_s], [0.0, 1.0]])
+    delay_s = float(centred.values[0]) - rate * since_s
+    delay_u, rate_u = np.sqrt(np.diag(back @ centred.covariance @ back.T)).tolist()
     ratio = 0.5 * (rate / rate_u) ** 2
     delayed = _delay(sensor, delay_s, delay_u) or [
         _finding("link.fixed_delay", sensor, "delay_s", delay_s, delay_u, "s", 0.0, "")
