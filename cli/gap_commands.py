@@ -135,7 +135,7 @@ def verify(report: Report, recordings: Recordings, as_json: AsJson = False) -> N
     from gap_diagnosis.verification import verify as verified
 
     found = read_report(report)
-    effects = [effect for effect, _ in found_effects(found, str(report))]
+    effects = [one.effect for one in found_effects(found, str(report))]
     with _progress() as tell:
         tell("reading", 0.0)
         named = named_recordings(recordings)

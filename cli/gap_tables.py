@@ -29,6 +29,7 @@ HOW = {
     "replaced": "replaced",
     "added": "added to what the twin had",
     "shape": "shape",
+    "left out": "left out: smaller than its uncertainty",
 }
 
 

@@ -122,7 +122,7 @@ def next_test(
 
 def _expected_bits(chances: FloatArray, distances: FloatArray) -> float:
     overlap = np.exp(-distances / 8.0) @ chances
-    return max(float(-(chances * np.log2(overlap)).sum()), 0.0)
+    return max(float(-(chances * np.log2(overlap)).sum()), 0.0) + 0.0  # a zero has no sign
 
 
 def _separated(

@@ -75,6 +75,15 @@ class Hypothesis:
         """'gyro.g_sensitivity + stand.wobble'; '' for no effect."""
         return " + ".join(dict.fromkeys(name_of(effect) for effect in self.effects))
 
+    def known(self) -> tuple[tuple[CatalogueEffect, Mapping[str, float]], ...]:
+        """Each effect with the standard uncertainties of its scalars."""
+        given = self.standard_uncertainties
+        nothing: Mapping[str, float] = {}
+        return tuple(
+            (effect, given[index] if index < len(given) else nothing)
+            for index, effect in enumerate(self.effects)
+        )
+
     @property
     def acts_in_milliseconds(self) -> bool:
         """Whether it is told by what happens between two samples."""
@@ -92,24 +101,22 @@ class PredictedColumns:
     def __init__(self, stimulus: Stimulus, *, elsewhere: bool) -> None:
         self._stimulus, self._elsewhere = stimulus, elsewhere
         self._columns: list[tuple[str, FloatArray]] = []
-        self._known: dict[CatalogueEffect, tuple[int | None, dict[str, int]]] = {}
+        self._known: dict[tuple[CatalogueEffect, frozenset[str]], tuple[int | None, dict[str, int]]] = {}
 
     def __len__(self) -> int:
         return len(self._columns)
 
     def total(self, hypothesis: Hypothesis) -> list[int]:
         """The columns whose sum a hypothesis adds."""
-        numbers = (self._of(effect)[0] for effect in hypothesis.effects)
+        numbers = (self._of(effect, known)[0] for effect, known in hypothesis.known())
         return [number for number in numbers if number is not None]
 
     def tangents(self, hypothesis: Hypothesis) -> tuple[list[int], FloatArray]:
         """Columns that a rival may move along, and how precisely it is known how far (1/u², 0: free)."""
         places: list[int] = []
         precision: list[float] = []
-        for index, effect in enumerate(hypothesis.effects):
-            given = hypothesis.standard_uncertainties
-            known: Mapping[str, float] = given[index] if index < len(given) else {}
-            for name, number in self._of(effect)[1].items():
+        for effect, known in hypothesis.known():
+            for name, number in self._of(effect, known)[1].items():
                 places.append(number)
                 precision.append(known[name] ** -2 if known.get(name, 0.0) > 0 else 0.0)
         return places, np.array(precision)
@@ -128,27 +135,30 @@ class PredictedColumns:
         gram[np.ix_(mine, mine)] = _eliminated(_whitened_gram(both, noise, self._stimulus.sample_period_s))
         return gram
 
-    def _of(self, effect: CatalogueEffect) -> tuple[int | None, dict[str, int]]:
-        if effect not in self._known:
-            self._known[effect] = self._added(effect)
-        return self._known[effect]
+    def _of(self, effect: CatalogueEffect, known: Mapping[str, float]) -> tuple[int | None, dict[str, int]]:
+        key = effect, frozenset(known)
+        if key not in self._known:
+            self._known[key] = self._added(effect, key[1])
+        return self._known[key]
 
-    def _added(self, effect: CatalogueEffect) -> tuple[int | None, dict[str, int]]:
+    def _added(self, effect: CatalogueEffect, known: frozenset[str]) -> tuple[int | None, dict[str, int]]:
         stays_behind = self._elsewhere and effect.origin == "stand" and effect.word not in _OF_NO_STAND
         if effect.stochastic or stays_behind:
             return None, {}
         try:
             contribution = self._contribution(effect)
-            tangents = self._tangents_of(effect, contribution)
+            tangents = self._tangents_of(effect, known, contribution)
         except TestloomError:  # this test has no such input: the effect is not excited
             return None, {}
         return self._kept(effect, contribution), {
             name: self._kept(effect, values) for name, values in tangents.items()
         }
 
-    def _tangents_of(self, effect: CatalogueEffect, contribution: FloatArray) -> dict[str, FloatArray]:
+    def _tangents_of(
+        self, effect: CatalogueEffect, known: frozenset[str], contribution: FloatArray
+    ) -> dict[str, FloatArray]:
         """Fitted scalar → its derivative; all free ones if none is fitted; shapes by a small step."""
-        fitted = {scalar.name for scalar in scalars(effect, free_only=True) if scalar.value}
+        fitted = {scalar.name for scalar in scalars(effect, free_only=True) if scalar.value} | known
         columns = {
             name: values
             for name, values in effect.basis(self._stimulus).items()

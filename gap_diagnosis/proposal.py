@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.parameters import with_values
 from dut_emulator.products.catalogue import PRODUCTS
 from gap_diagnosis.attribution import Attribution
 from gap_diagnosis.fitting import FittedEffect, fit_set
@@ -53,11 +55,16 @@ def proposed_test(
 
 
 def hypothesis_of(effects: Sequence[FittedEffect], probability: float) -> Hypothesis:
-    """A fitted set as a candidate."""
-    known: tuple[Mapping[str, float], ...] = tuple(
-        {one.name: one.standard_uncertainty for one in effect.parameters} for effect in effects
-    )
-    return Hypothesis(tuple(effect.effect for effect in effects), probability, known)
+    """A fitted set as a candidate. What is smaller than its uncertainty was not seen: 0 give or take that."""
+    known: list[Mapping[str, float]] = []
+    seen: list[CatalogueEffect] = []
+    for one in effects:
+        known.append({scalar.name: scalar.standard_uncertainty for scalar in one.parameters})
+        unseen = {
+            scalar.name: 0.0 for scalar in one.parameters if abs(scalar.value) < scalar.standard_uncertainty
+        }
+        seen.append(with_values(one.effect, unseen))
+    return Hypothesis(tuple(seen), probability, tuple(known))
 
 
 def noise_of(observations: Sequence[Observation]) -> dict[Channel, OutputNoise]:

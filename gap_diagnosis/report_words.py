@@ -262,7 +262,7 @@ def _closed(shrinkage: Shrinkage | None) -> tuple[str, ...]:
 
 def _left_over(report: ReportDocument) -> tuple[str, ...]:
     closed = report.shrinkage.fraction_closed if report.shrinkage else None
-    if closed is None:
+    if closed is None or closed <= 0.0:
         return ()
     return (
         say(

@@ -4,7 +4,8 @@
 What is in a report is measured against the belief of the recordings (matrix, bias, noise, bandwidth), not
 against a twin file. So for an effect that a belief cannot hold, the report's figure is the whole of it: it
 replaces what the twin says. A bandwidth is one beside the believed lag: the two time constants add. Of an
-effect that the twin has, parameters that the report does not state stay.
+effect that the twin has, parameters that the report does not state stay. A parameter that is smaller than its
+own standard uncertainty is left out: the test did not see it, and with it the simulator would be worse.
 """
 
 import json
@@ -34,7 +35,7 @@ _WITHOUT_A_SET = {
     ),
 }
 
-How = Literal["new", "replaced", "added", "shape"]
+How = Literal["new", "replaced", "added", "shape", "left out"]
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,21 @@ class ParameterChange:
     after: float
     unit: str
     how: How
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect as a report has it.
+
+    Attributes:
+        effect: with the parameters that are known, the others neutral.
+        stated: their names.
+        left_out: names of those that are smaller than their uncertainty.
+    """
+
+    effect: CatalogueEffect
+    stated: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -78,18 +94,16 @@ def twin_with_found(twin: Twin, report: ReportDocument, where: str, rank: int = 
             "give a twin of this product.",
         )
     changes: list[ParameterChange] = []
-    for effect, stated in found_effects(report, where, rank):
-        own = next((one for one in twin.effects if _key(one) == _key(effect)), None)
-        merged = effect if own is None else _merged(own, effect, stated, where)
-        changes += _changes(own, merged, stated)
+    for found in found_effects(report, where, rank):
+        own = next((one for one in twin.effects if _key(one) == _key(found.effect)), None)
+        merged = found.effect if own is None else _merged(own, found, where)
+        changes += _changes(own, merged, found)
         twin = twin.with_effect(merged)
     return TwinChange(twin, tuple(changes))
 
 
-def found_effects(
-    report: ReportDocument, where: str, rank: int = 1
-) -> list[tuple[CatalogueEffect, tuple[str, ...]]]:
-    """The effects of a report's set with their parameters, each with the names that the report states.
+def found_effects(report: ReportDocument, where: str, rank: int = 1) -> list[FoundEffect]:
+    """The effects of a report's set with their parameters.
 
     Raises:
         TestloomError: no such set, an effect or parameter that is unknown, wrong in its unit or range.
@@ -106,17 +120,21 @@ def found_effects(
     return [_effect(entry, where) for entry in report.entries_of(sets[rank - 1].effects)]
 
 
-def _effect(entry: Attribution, where: str) -> tuple[CatalogueEffect, tuple[str, ...]]:
+def _effect(entry: Attribution, where: str) -> FoundEffect:
     place = f"{where}, which {entry.effect}"
     sensor = _sensor(entry, place)
     neutral = effect_named(entry.effect, sensor)
     written: dict[str, HeldValue] = {}
+    left_out: list[str] = []
     for name, value in entry.parameters.items():
         for scalar in _scalar_names(neutral, name, entry.channels):
-            written[scalar] = value
-    written |= entry.held
-    if not entry.parameters:
+            if abs(value.value) < (value.standard_uncertainty or 0.0):
+                left_out.append(scalar)
+            else:
+                written[scalar] = value
+    if not written:
         raise refused("The report states no parameter of this effect.", place, "diagnose again.")
+    written |= entry.held
     document = _document(
         {
             "effect": entry.effect,
@@ -129,7 +147,7 @@ def _effect(entry: Attribution, where: str) -> tuple[CatalogueEffect, tuple[str,
         }
     )
     (effect,) = parse_twin(document, place).effects
-    return effect, tuple(written)
+    return FoundEffect(effect, tuple(written), tuple(left_out))
 
 
 def _sensor(entry: Attribution, place: str) -> SensorName:
@@ -176,19 +194,18 @@ def _declared_unit(neutral: CatalogueEffect, parameter: str) -> str:
     return units[max(fields, key=len)] if fields else ""
 
 
-def _merged(
-    own: CatalogueEffect, found: CatalogueEffect, stated: tuple[str, ...], where: str
-) -> CatalogueEffect:
+def _merged(own: CatalogueEffect, found: FoundEffect, where: str) -> CatalogueEffect:
     """The twin's own effect with the parameters that the report states."""
+    stated = found.stated
     had = {scalar.name: scalar for scalar in scalars(own)}
-    has = {scalar.name: scalar for scalar in scalars(found)}
+    has = {scalar.name: scalar for scalar in scalars(found.effect)}
     others = [s.name for s in had.values() if not s.held and s.value and s.name not in stated]
     other_shape = [
         name
         for name in stated
         if has[name].held and not math.isclose(has[name].value, had[name].value, rel_tol=_SAME)
     ]
-    axis = getattr(found, "axis", None)
+    axis = getattr(found.effect, "axis", None)
     if axis != getattr(own, "axis", None):
         other_shape.append("axis")
     if others and other_shape:
@@ -208,20 +225,20 @@ def _merged(
 
 
 def _changes(
-    own: CatalogueEffect | None, merged: CatalogueEffect, stated: tuple[str, ...]
+    own: CatalogueEffect | None, merged: CatalogueEffect, found: FoundEffect
 ) -> list[ParameterChange]:
     before = {} if own is None else {scalar.name: scalar.value for scalar in scalars(own)}
-    found: list[ParameterChange] = []
+    changes: list[ParameterChange] = []
     for scalar in scalars(merged):
-        if scalar.name not in stated:
+        if scalar.name not in (*found.stated, *found.left_out):
             continue
         how: How = "new" if own is None else "added" if own.word in ADDS_TO_BELIEVED else "replaced"
-        how = "shape" if scalar.held else how
+        how = "shape" if scalar.held else "left out" if scalar.name in found.left_out else how
         was = before.get(scalar.name, 0.0) if own is not None else None
-        found.append(
+        changes.append(
             ParameterChange(name_of(merged), merged.sensor, scalar.name, was, scalar.value, scalar.unit, how)
         )
-    return found
+    return changes
 
 
 def _document(entry: Mapping[str, Any]) -> str:

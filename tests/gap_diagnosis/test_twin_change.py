@@ -90,6 +90,22 @@ def test_a_lag_beside_the_believed_one_is_added():
     assert change.changes[0].how == "added"
 
 
+def test_what_the_test_did_not_see_is_left_out():
+    parameters = {
+        "acc_xx": quantity(-2.4, "deg/h per g", 3.1),
+        "acc_xy": quantity(0.01, "deg/s per g", 3e-4),
+        "acc_xz": quantity(200.0, "rad/s per m/s^2", 300.0),  # far outside its range, and not known
+    }
+    entry = {"effect": "gyro.g_sensitivity", "channels": ["gyro_x"], "parameters": parameters}
+    own = effect_named("gyro.g_sensitivity", acc=((1e-5, 2e-5, 0), (0, 0, 0), (0, 0, 0)))
+    change = found(Twin("", (own,)), entry)
+    assert change.twin.effects[0].acc[0] == pytest.approx((1e-5, 0.01 * DEG / G, 0.0))
+    assert [one.how for one in change.changes] == ["left out", "replaced", "left out"]
+    del parameters["acc_xy"]
+    with pytest.raises(TestloomError, match="no parameter"):
+        found(Twin(), entry)
+
+
 def test_powers_and_shapes_and_the_order_of_acting():
     own = (
         effect_named("gyro.bias_temperature", coefficients_si_per_c=((1e-6, 2e-6, 3e-6),)),
