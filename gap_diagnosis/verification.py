@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dut_emulator.effects.catalogue_effect import CatalogueEffect
+from dut_emulator.effects.catalogue_effect import CatalogueEffect, LinearEffect
 from dut_emulator.effects.effect import EffectChain, FloatArray, SensorName, Stage, Stimulus
 from gap_diagnosis.candidates import Trial
 from gap_diagnosis.evidence import STEPS_OF_DATA, profile
@@ -23,7 +23,7 @@ KNOWN = "known"
 
 
 @dataclass(frozen=True)
-class KnownChange(CatalogueEffect):
+class KnownChange(LinearEffect):
     """What effects with settled parameters add to a triad, as one column with the amplitude `share`, 1."""
 
     effects: tuple[CatalogueEffect, ...] = ()
