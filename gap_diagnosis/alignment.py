@@ -65,11 +65,12 @@ def coarse_alignment(
             fault=Fault.DATA,
             remedy="give the stand's report of this run, or start both clocks by one edge.",
         )
+    by_hand = recording.test.get("triggered") is False
     if found is None or not found.is_clear:
-        return CoarseAlignment()
+        return CoarseAlignment(added_s=0.0 if by_hand else None)
     own = -1.0 if apart else _at_own_times(stand, time_s, triads)
     is_far = abs(found.ahead_s) > MAX_DELAY_S and found.correlation > own + MUCH_BETTER
-    if apart or is_far or recording.test.get("triggered") is False:
+    if apart or is_far or by_hand:
         return CoarseAlignment(added_s=found.ahead_s)
     is_late = abs(found.ahead_s) <= MAX_DELAY_S and found.correlation > own + BETTER
     return CoarseAlignment(about_s=-found.ahead_s if is_late else 0.0)

@@ -185,6 +185,13 @@ def test_three_tenths_of_the_frames_lost_leave_the_rest(swung: Recording) -> Non
     assert np.nanstd(gyro[:, 2]) < 0.5 * DEG
 
 
+def test_a_rate_other_than_stated_is_said() -> None:
+    still = recorded("mems_ahrs", "static", values={"duration_s": 5.0}, seed=3, serial="U-0007")
+    for stated, told in ((200.0, False), (100.0, True)):
+        observed = observe(dataclasses.replace(still, test={**still.test, "rate_hz": stated}))
+        assert ("sample rate 0 200 Hz by the stamps, 100 Hz by the test" in said(observed)) == told
+
+
 def test_plain_numbers_without_a_scale_are_not_guessed() -> None:
     t = np.arange(0.0, 20.0, 0.02)
     wave = 1000.0 * np.sin(t)
