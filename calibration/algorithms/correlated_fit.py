@@ -281,6 +281,12 @@ def _hypotheses(
     )
     covariance = inverse * (squares / (freedom - 2.0))[..., None, None]
     dof = (freedom + levels * trace) ** 2 / (freedom + 2.0 * levels * trace + levels**2 * square)
+    if trace > 0.0:
+        # The slow level rests on the few independent values that residuals have of it: variance of the t
+        # distribution, as far as the slow part makes up the residuals.
+        share = levels * trace / (freedom + levels * trace)
+        widened = 1.0 + share * 2.0 / max(trace**2 / square - 2.0, 1.0)
+        covariance = covariance * widened[:, None, None, None]
     return _Hypotheses(
         values, covariance, log_likelihood + np.log(prior), np.repeat(dof[:, None], y.shape[1], axis=1), ()
     )
