@@ -291,6 +291,6 @@ def saturation(excitation: Excitation, level: float) -> list[Block]:
 
 THRESHOLDS: dict[str, tuple[Callable[[Excitation, float], list[Block]], tuple[float, ...]]] = {
     "gyro.dead_band": (dead_band, _spaced(0.01, 10, 14)),
-    "gyro.saturation": (saturation, (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)),
+    "gyro.saturation": (saturation, tuple(1 - x for x in _spaced(5e-4, 0.6, 16))),
 }
 """Dead band: thresholds in deg/s. Saturation: fractions of each axis' largest rate."""

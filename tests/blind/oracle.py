@@ -243,7 +243,9 @@ def _of_noise(case: "Case", test: Excitation, y: dict[str, Array]) -> dict[str, 
     ln_b = {}
     for name, (triad, part) in STOCHASTIC.items():
         if TRIADS[triad][0] in tables:
-            ln_b[name] = _over_axes([tables[channel][part] for channel in TRIADS[triad]])
+            ln_b[name] = _over_axes(
+                [tables[channel][part] for channel in TRIADS[triad]], levels=part != "walk"
+            )
     rate = test.runs[0].rate_hz
     for name in LINES:
         channels = TRIADS["mag" if name == "mag.mains_interference" else "gyro"]
@@ -252,11 +254,16 @@ def _of_noise(case: "Case", test: Excitation, y: dict[str, Array]) -> dict[str, 
     return {name: value for name, value in ln_b.items() if name not in case.without}
 
 
-def _over_axes(tables: list[Array]) -> float:
-    """One axis (0.6) or all with the same amount (0.4); each table is ln B by amount."""
+def _over_axes(tables: list[Array], *, levels: bool) -> float:
+    """One axis (0.6) or all with the same amount (0.4); each table is ln B by amount.
+
+    A louder level gains by what its unlikeliness costs, and the levels of a triad are mostly common: all
+    axes together then gain no more than one.
+    """
     count = len(tables[0])
     single = [logsumexp(table) - np.log(count) + np.log(0.6 / len(tables)) for table in tables]
-    return float(logsumexp([*single, logsumexp(sum(tables)) - np.log(count) + np.log(0.4)]))
+    every = sum(tables) / (len(tables) if levels else 1)
+    return float(logsumexp([*single, logsumexp(every) - np.log(count) + np.log(0.4)]))
 
 
 def _level_table(case: "Case", channel: str, seen: _Spectrum) -> dict[str, Array]:
