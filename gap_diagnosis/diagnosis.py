@@ -26,6 +26,7 @@ from gap_diagnosis.observation import Channel, Observation, TimingFinding
 from gap_diagnosis.observing import observe
 from gap_diagnosis.outcome import Findings, report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
+from gap_diagnosis.proposal import with_next_test
 from gap_diagnosis.report import GapReport
 from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
@@ -145,11 +146,10 @@ def diagnose_observations(
     attribution = attribute(found, systems, searched.design, fit)
     timing = _certain(observations, without)
     progress("report", 0.95)
-    return report_of(
-        Findings(
-            prepared, located, found, attribution, fit, held, left.located if left else None, timing, without
-        )
+    findings = Findings(
+        prepared, located, found, attribution, fit, held, left.located if left else None, timing, without
     )
+    return with_next_test(report_of(findings), observations, searched, found, attribution)
 
 
 def _sharper_trials(observations: Sequence[Observation], searched: Prepared, found: Search) -> list[Trial]:
@@ -242,7 +242,7 @@ def _as_noisy(noise: ChannelNoise, beyond: ChannelSystem, rng: np.random.Generat
     score = beyond.log_likelihood[:, 0]
     shape = int(beyond.shape[int(np.argmax(score))])
     weight = np.where(beyond.shape == shape, np.exp(score - score.max()), 0.0)
-    numbers = np.flatnonzero((np.arange(len(noise.levels)) >= noise.levels.believed))
+    numbers = np.flatnonzero(np.arange(len(noise.levels)) >= noise.levels.believed)
     numbers = numbers[np.isin(noise.levels.shape[numbers], beyond.shape)]
     drawn = rng.choice(
         noise.levels.level_si[numbers], size=len(noise.nulls.level_si), p=weight / weight.sum()

@@ -1,6 +1,7 @@
 # pyright: strict
 """From what a diagnosis found to the next test: its most probable sets, fitted, and the believed noise."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,11 +16,26 @@ from gap_diagnosis.next_test import next_test
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.predicted_columns import Hypothesis, OutputNoise
 from gap_diagnosis.prepared import Prepared
+from gap_diagnosis.report import GapReport
 from gap_diagnosis.search import Search
 
 MAX_CANDIDATES = 4
 LEAST_CHANCE = 0.005
 """What is less likely is no candidate: no test is chosen for its sake."""
+
+
+def with_next_test(
+    report: GapReport,
+    observations: Sequence[Observation],
+    prepared: Prepared,
+    search: Search,
+    attribution: Attribution,
+) -> GapReport:
+    """The report with its 'next_test'; where there is no gap there is nothing to tell apart."""
+    if report.verdict == "no_gap":
+        return report
+    proposed = proposed_test(observations, prepared, search, attribution)
+    return dataclasses.replace(report, document={**report.document, "next_test": proposed})
 
 
 def proposed_test(

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 from dut_emulator.effects.catalogue import effect_named
+from dut_emulator.effects.effect import Stimulus
+from gap_diagnosis.fitting import FittedEffect, FittedScalar
 from gap_diagnosis.next_test import NextTest, next_test
-from gap_diagnosis.observation import Channel
+from gap_diagnosis.observation import Channel, NoiseBelief, Observation, SensorOutput
 from gap_diagnosis.planned_tests import planned_tests
 from gap_diagnosis.predicted_columns import Hypothesis, OutputNoise
+from gap_diagnosis.proposal import hypothesis_of, noise_of
 from protocol.errors import TestloomError
 
 DEG, G = np.pi / 180, 9.80665
@@ -174,6 +177,38 @@ def test_every_test_of_every_product_can_be_weighed():
         assert found is None or {one.test.profile for one in found.all_ranked} == names
     document = chosen("gnc_module", tumbling, Hypothesis((), 0.5)).as_document()
     assert document["ranked"][0]["profile"] == document["profile"]
+
+
+def test_what_was_not_seen_predicts_nothing():
+    """A lever arm's x that no motion showed (170 ± 180 m) is no reason to expect anything of a test."""
+    arm = effect_named("stand.lever_arm", "acc", arm_m=(3.0, 5e-4, 0.0))
+    scalars = (FittedScalar("arm_m_x", 3.0, 4.0, "m"), FittedScalar("arm_m_y", 5e-4, 1e-4, "m"))
+    fitted = FittedEffect(arm, "stand.lever_arm", (Channel("acc", 1),), scalars, 5.0, {})
+    made = hypothesis_of([fitted], 0.4)
+    assert made.effects[0].arm_m == (0.0, 5e-4, 0.0)
+    assert made.standard_uncertainties == ({"arm_m_x": 4.0, "arm_m_y": 1e-4},)
+    found = chosen("mems_ahrs", made, Hypothesis((), 0.6), noise={Channel("acc", 1): OutputNoise(0.3 / 60)})
+    seen = {one.test.profile: one.distances for one in found.all_ranked}["swing"]
+    assert seen[0, 1] > 0.0
+    assert seen[1, 0] < seen[0, 1]  # as the rival its arm may be a little smaller
+
+
+def test_believed_noise_of_channels_with_samples():
+    values = np.zeros((5, 3))
+    values[:, 2] = np.nan
+    output = SensorOutput(
+        values, np.zeros((5, 3)), NoiseBelief(WHITE, slow_coefficient_si=SLOW), range_si=4.0
+    )
+    stimulus = Stimulus(np.arange(5.0), np.full(5, 25.0), 1.0)
+    usable, piece = np.ones(5, dtype=bool), np.zeros(5, dtype=np.int64)
+    texts = ("r", "U-1", "mems_ahrs", "swing", "1", "m1", "s", "two_axis_turntable")
+    one = Observation(*texts, stimulus, False, {"gyro": output}, usable, piece, 1.0)
+    found = noise_of([one])
+    assert [channel.name for channel in found] == ["gyro_x", "gyro_y"]
+    assert found[Channel("gyro", 0)].range_si == 4.0
+    floor = np.sqrt(found[Channel("gyro", 0)].allan_variance(np.geomspace(1, 1e4, 400)) - WHITE**2
+                    / np.geomspace(1, 1e4, 400)).max()  # fmt: skip
+    assert floor == pytest.approx(0.664 * SLOW, rel=0.01)
 
 
 def test_a_channel_without_known_noise_is_refused():
