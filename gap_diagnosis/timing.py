@@ -34,7 +34,7 @@ JITTER_LOG_RATIO, LONE_JITTER_LOG_RATIO = 20.0, 60.0
 STAND_PERIODS = 0.51
 SHARED_JITTER = 0.4
 """Of the variance: so much of it another triad must show that could."""
-LEAST_JITTER_PERIODS, LARGEST_JITTER_PERIODS = 0.01, 1.0
+LEAST_JITTER_PERIODS, LONE_JITTER_PERIODS, LARGEST_JITTER_PERIODS = 0.01, 0.5, 1.0
 JUMP_LOG_RATIO = 30.0
 JUMP_PERIODS = 1.0
 JUMP_OVER_DRIFT = 1.1
@@ -164,7 +164,8 @@ def _jitter_findings(
     deviation_s = math.sqrt(fit.variance_s2)
     if fit.log_likelihood_ratio < (LONE_JITTER_LOG_RATIO if denied else JITTER_LOG_RATIO):
         return []
-    if not LEAST_JITTER_PERIODS < deviation_s / period_s < LARGEST_JITTER_PERIODS:
+    largest = LONE_JITTER_PERIODS if denied else LARGEST_JITTER_PERIODS
+    if not LEAST_JITTER_PERIODS < deviation_s / period_s < largest:
         return []
     said = f"The {sensor}'s samples were taken {deviation_s * 1e3:.3f} ms (rms) beside their stamps."
     uncertainty_s = 0.5 * fit.uncertainty_s2 / deviation_s

@@ -66,28 +66,8 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
     """
     recording, rows = unit.recording, unit.rows
     time_s = rows.time_s + added_s
-    stand = recording.streams.get("stand")
-    report = stand_at(stand, time_s, unit.mean_over_s)
     site = site_of(recording)
-    if not unit.triads and unit.unread:
-        raise DiagnosisError(
-            f"Nothing that the unit sends can be read. {' '.join(unit.unread)}",
-            where=f"recording {recording.recording_id}, stream dut",
-            fault=Fault.DATA,
-            remedy="give the column's unit, or believed.counts with per_unit and at_zero.",
-        )
-    notes: list[SetAside] = [
-        SetAside(sentence.split(":")[0], len(time_s), sentence) for sentence in unit.unread
-    ]
-    if report.rate_rad_s is None:
-        refuse_unless_at_rest(recording, unit.triads, rows.period_s)
-        report = dataclasses.replace(report, rate_rad_s=np.zeros((len(time_s), 3)))
-    if report.specific_force_m_s2 is None:
-        report = dataclasses.replace(report, specific_force_m_s2=gravity_in_body(report, site))
-    report, thin = _without_thin_columns(report)
-    notes += [
-        SetAside(name, len(time_s), "the stand tells it for less than half of the time") for name in thin
-    ]
+    report, notes = _report(unit, site, time_s)
     usable = np.ones(len(time_s), dtype=bool)
     for values in report.arrays():
         usable &= np.isfinite(values.reshape(len(time_s), -1)).all(axis=1)
@@ -126,6 +106,30 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
         site=site,
         believed=recording.believed,
     )
+
+
+def _report(
+    unit: UnitSide, site: Mapping[str, float], time_s: FloatArray
+) -> tuple[StandReport, list[SetAside]]:
+    """What the stand says at the rows; of a unit at rest without one, that it did not turn."""
+    recording = unit.recording
+    if not unit.triads and unit.unread:
+        raise DiagnosisError(
+            f"Nothing that the unit sends can be read. {' '.join(unit.unread)}",
+            where=f"recording {recording.recording_id}, stream dut",
+            fault=Fault.DATA,
+            remedy="give the column's unit, or believed.counts with per_unit and at_zero.",
+        )
+    notes = [SetAside(sentence.split(":")[0], len(time_s), sentence) for sentence in unit.unread]
+    report = stand_at(recording.streams.get("stand"), time_s, unit.mean_over_s)
+    if report.rate_rad_s is None:
+        refuse_unless_at_rest(recording, unit.triads, unit.rows.period_s)
+        report = dataclasses.replace(report, rate_rad_s=np.zeros((len(time_s), 3)))
+    if report.specific_force_m_s2 is None:
+        report = dataclasses.replace(report, specific_force_m_s2=gravity_in_body(report, site))
+    report, thin = _without_thin_columns(report)
+    why = "the stand tells it for less than half of the time"
+    return report, [*notes, *(SetAside(name, len(time_s), why) for name in thin)]
 
 
 def site_of(recording: Recording) -> dict[str, float]:
