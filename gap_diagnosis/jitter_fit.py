@@ -59,7 +59,9 @@ def fitted_jitter(residual: FloatArray, slope: FloatArray, piece: NDArray[np.int
     g = g / deviation
     size = (g**2).sum(axis=1)
     q = ((size[1:-1] + 0.25 * (size[:-2] + size[2:])) / 1.5)[rows]
-    along = g[1:-1][rows] / np.sqrt(np.maximum(size[1:-1][rows], 1e-300))[:, np.newaxis]
+    middle = size[1:-1][rows, np.newaxis]
+    any_way = 1.0 / np.sqrt(g.shape[1])  # at rest each direction shows the noise
+    along = np.where(middle > 0, g[1:-1][rows] / np.sqrt(np.where(middle > 0, middle, 1.0)), any_way)
     z2 = ((h[rows] / deviation) * along).sum(axis=1) ** 2
     return _fit(z2, q) if q.max() > 0 and np.ptp(q) > 1e-6 * q.max() else None
 
