@@ -60,8 +60,9 @@ def fitted_jitter(residual: FloatArray, slope: FloatArray, piece: NDArray[np.int
     size = (g**2).sum(axis=1)
     q = ((size[1:-1] + 0.25 * (size[:-2] + size[2:])) / 1.5)[rows]
     middle = size[1:-1][rows, np.newaxis]
-    any_way = 1.0 / np.sqrt(g.shape[1])  # at rest each direction shows the noise
-    along = np.where(middle > 0, g[1:-1][rows] / np.sqrt(np.where(middle > 0, middle, 1.0)), any_way)
+    usual = np.sqrt(np.nanmean(g**2, axis=0))  # at rest the noise is taken along the usual slope
+    at_rest = usual / max(float(np.linalg.norm(usual)), 1e-300)
+    along = np.where(middle > 0, g[1:-1][rows] / np.sqrt(np.where(middle > 0, middle, 1.0)), at_rest)
     z2 = ((h[rows] / deviation) * along).sum(axis=1) ** 2
     return _fit(z2, q) if q.max() > 0 and np.ptp(q) > 1e-6 * q.max() else None
 
