@@ -77,10 +77,12 @@ def _verdict(document: ReportDocument) -> str:
 
 
 def _where(document: ReportDocument, heat: Sequence[HeatCell]) -> str:
-    maps = "".join(
-        _heat_map(variable, [cell for cell in heat if cell.variable == variable])
-        for variable in dict.fromkeys(cell.variable for cell in heat)
-    )
+    by_variable: dict[str, list[HeatCell]] = {}
+    for cell in sorted(heat, key=lambda cell: -abs(cell.sigmas)):  # what stands out most comes first
+        by_variable.setdefault(cell.variable, [])
+    for cell in heat:
+        by_variable[cell.variable].append(cell)
+    maps = "".join(_heat_map(variable, cells) for variable, cells in by_variable.items())
     places = document.where[:MAX_PLACES]
     rows = [
         (
@@ -131,7 +133,8 @@ def _heat_cell(cell: HeatCell | None) -> str:
     ground, ink = heat_colour(cell.sigmas)
     mark = " class=sharp" if cell.p_adjusted < SIGNIFICANT else ""
     title = escape(f"p = {_p(cell.p_adjusted)}")
-    return f'<td{mark} style="background:{ground};color:{ink}" title="{title}">{cell.sigmas:.1f}</td>'
+    shown = f"{cell.sigmas:.1f}".replace("-", "−")
+    return f'<td{mark} style="background:{ground};color:{ink}" title="{title}">{shown}</td>'
 
 
 def _which(document: ReportDocument) -> str:

@@ -153,7 +153,7 @@ def regime_words(place: GapPlace) -> str:
 
 def span_words(low: float, high: float) -> str:
     """'−300 … −100'."""
-    return f"{low:.4g} … {high:.4g}".replace("-", "−")
+    return f"{low:.3g} … {high:.3g}".replace("-", "−")
 
 
 def parameter_lines(entry: Attribution) -> tuple[str, ...]:
