@@ -62,7 +62,7 @@ def model(believed: dict[str, Any], u: np.ndarray, period_s: float) -> np.ndarra
         ("fog", "static", {"duration_s": 10.0}),
         ("rate_gyro_triad", "static", {"duration_s": 30.0}),
         ("mems_ahrs", "rate_staircase", {"dwell_s": 0.5}),
-        ("gnc_module", "multi_position", {}),
+        ("gnc_module", "static", {"duration_s": 10.0}),
     ],
 )
 def test_a_prediction_is_its_formula(product: str, profile: str, values: dict[str, float]) -> None:
