@@ -53,10 +53,12 @@ class Trial:
     Attributes:
         name: in the catalogue.
         effects: one for each triad that it acts on here, held parameters chosen.
+        tied: one set of parameters for all triads: a stand turns all of a unit, a link delays whole frames.
     """
 
     name: str
     effects: tuple[CatalogueEffect, ...]
+    tied: bool = False
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,11 @@ def trials_for(observations: Sequence[Observation], without: frozenset[str] = fr
             continue
         for held in _shapes(name, kind, excitation):
             effects = tuple(_begun(kind(sensor), held) for sensor in mine)
-            trials.append(Trial(name, effects))
+            common = kind.origin in {"stand", "link"} and len(effects) > 1
+            if common:
+                trials.append(Trial(name, effects, tied=True))
+            if not common or kind.origin == "link":
+                trials.append(Trial(name, effects))
     return trials
 
 
@@ -221,7 +227,7 @@ def has_shape(trial: Trial) -> bool:
 
 def is_neighbour(trial: Trial, other: Trial) -> bool:
     """Whether two trials are of one effect and differ in a number of their shape alone."""
-    return trial.name == other.name and all(
+    return (trial.name, trial.tied) == (other.name, other.tied) and all(
         getattr(one, "axis", None) == getattr(two, "axis", None)
         and getattr(one, "harmonic", None) == getattr(two, "harmonic", None)
         for one, two in zip(trial.effects, other.effects, strict=True)
@@ -234,7 +240,7 @@ def refined_trials(trial: Trial, factor: float) -> list[Trial]:
     for step in (1.0 / factor, factor):
         moved = tuple(_scaled(effect, step) for effect in trial.effects)
         if all(one is not None for one in moved):
-            found.append(Trial(trial.name, cast("tuple[CatalogueEffect, ...]", moved)))
+            found.append(Trial(trial.name, cast("tuple[CatalogueEffect, ...]", moved), trial.tied))
     return found
 
 

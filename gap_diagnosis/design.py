@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
-from dut_emulator.effects.effect import FloatArray
+from dut_emulator.effects.effect import FloatArray, SensorName
 from gap_diagnosis.candidates import Trial, regressors
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.regimes import Regime, regimes_of
@@ -31,13 +31,13 @@ class Block:
 
     Attributes:
         trial: index of the trial.
-        effect: of one triad.
+        effects: of one triad; of a tied trial, one of each triad.
         scalars: free scalars, k of them.
         columns: channel → (k,) index of each scalar's column, -1 where it has no part in the channel.
     """
 
     trial: int
-    effect: CatalogueEffect
+    effects: tuple[CatalogueEffect, ...]
     scalars: tuple[str, ...]
     columns: Mapping[Channel, NDArray[np.int64]]
 
@@ -118,8 +118,8 @@ def designed(
     scales: dict[Channel, list[float]] = {channel: [1.0] * NUISANCES for channel in rows}
     blocks: list[Block] = []
     for number, trial in enumerate(trials):
-        for effect in trial.effects:
-            blocks += _own(number, effect, observations, rows, parts, counts, scales)
+        for together in (trial.effects,) if trial.tied else tuple((effect,) for effect in trial.effects):
+            blocks += _own(number, together, observations, rows, parts, counts, scales)
     groups: list[CellGroup] = []
     for channel in rows if cells else ():
         groups += _cells(observations, channel, rows[channel], parts[channel], counts, scales[channel])
@@ -175,24 +175,31 @@ def _inputs(one: Observation, channel: Channel, use: NDArray[np.bool_]) -> list[
 
 def _own(
     number: int,
-    effect: CatalogueEffect,
+    effects: tuple[CatalogueEffect, ...],
     observations: Sequence[Observation],
     rows: Mapping[Channel, Mapping[int, NDArray[np.bool_]]],
     parts: dict[Channel, dict[int, list[FloatArray]]],
     counts: dict[Channel, int],
     scales: dict[Channel, list[float]],
 ) -> list[Block]:
-    """Append an effect's columns where they are not nought; the blocks that they make."""
-    mine = [channel for channel in rows if channel.sensor == effect.sensor]
-    said: dict[int, dict[str, FloatArray]] = {}
-    for index in sorted({index for channel in mine for index in rows[channel]}):
-        columns = regressors(effect, observations[index].stimulus)
-        if columns is not None:
-            said[index] = columns
+    """Append the columns of effects with common parameters where they are not nought; their blocks."""
+    mine = [channel for effect in effects for channel in rows if channel.sensor == effect.sensor]
+    said: dict[tuple[SensorName, int], dict[str, FloatArray]] = {}
+    for effect in effects:
+        for index in sorted(
+            {i for channel in mine if channel.sensor == effect.sensor for i in rows[channel]}
+        ):
+            columns = regressors(effect, observations[index].stimulus)
+            if columns is not None:
+                said[effect.sensor, index] = columns
     names = list(dict.fromkeys(name for columns in said.values() for name in columns))
     rms = {
         (name, channel): _rms(
-            [c[name][rows[channel][i], channel.axis] for i, c in said.items() if i in rows[channel]]
+            [
+                c[name][rows[channel][i], channel.axis]
+                for (sensor, i), c in said.items()
+                if sensor == channel.sensor and i in rows[channel]
+            ]
         )
         for name in names
         for channel in mine
@@ -210,11 +217,11 @@ def _own(
         scales[channel].append(size)
         for index, use in rows[channel].items():
             column = np.zeros(np.count_nonzero(use))
-            if index in said:
-                column = said[index][name][use, channel.axis] / size
+            if (channel.sensor, index) in said:
+                column = said[channel.sensor, index][name][use, channel.axis] / size
                 column -= column.mean()  # the bias of the run takes it anyway: well-conditioned so
             parts[channel][index].append(column)
-    return [_block(number, effect, group, owned) for group in _sharing(owned)]
+    return [_block(number, effects, group, owned) for group in _sharing(owned)]
 
 
 def _rms(parts: Sequence[FloatArray]) -> float:
@@ -239,12 +246,15 @@ def _sharing(owned: Mapping[str, Mapping[Channel, int]]) -> list[list[str]]:
 
 
 def _block(
-    number: int, effect: CatalogueEffect, names: list[str], owned: Mapping[str, Mapping[Channel, int]]
+    number: int,
+    effects: tuple[CatalogueEffect, ...],
+    names: list[str],
+    owned: Mapping[str, Mapping[Channel, int]],
 ) -> Block:
     channels = sorted({c for name in names for c in owned[name]}, key=lambda c: (c.sensor, c.axis))
     return Block(
         number,
-        effect,
+        effects,
         tuple(names),
         {
             channel: np.array([owned[name].get(channel, -1) for name in names], dtype=np.int64)

@@ -28,7 +28,11 @@ from gap_diagnosis.outcome import Findings, report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.proposal import with_next_test
 from gap_diagnosis.report import GapReport
+from gap_diagnosis.rivals import Rival, rivals_of_noise
 from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
+from gap_diagnosis.stillness import stilled
+from gap_diagnosis.together import check_together
+from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
 from protocol.errors import Fault, TestloomError
 from protocol.recordings import Recording
@@ -84,10 +88,11 @@ def diagnose(
             fault=Fault.OPERATOR,
             remedy="name at least one recording.",
         )
+    check_together(recordings)
     observations: list[Observation] = []
     for number, recording in enumerate(recordings):
         progress("reading", 0.2 * number / len(recordings))
-        observations.append(decimated(observe(recording)))
+        observations.append(decimated(stilled(observe(recording))))
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
 
@@ -101,7 +106,7 @@ def diagnose_observations(
     rng = np.random.Generator(np.random.PCG64(SEED))
     progress("columns", 0.2)
     trials = trials_for(observations, without)
-    prepared = prepare(observations, trials, nulls, rng)
+    prepared = visible_only(prepare(observations, trials, nulls, rng))
     if not prepared.moments:
         raise TestloomError(
             "No channel has samples beside a prediction.",
@@ -121,14 +126,8 @@ def diagnose_observations(
         sharper = _sharper_trials(observations, searched, found)
         if not sharper:
             break
-        searched = prepare(
-            observations,
-            [*searched.design.trials, *sharper],
-            0,
-            rng,
-            cells=False,
-            known_noise=prepared.noise,
-        )
+        every = [*searched.design.trials, *sharper]
+        searched = visible_only(prepare(observations, every, 0, rng, cells=False, known_noise=prepared.noise))
         systems = searched.systems()
         found = search(systems, searched.design, noises)
     best = next((one for one in found.sets if one.causes), None)
@@ -205,6 +204,7 @@ class Remainder:
     """What the best set leaves: a localisation with the set's own columns taken out."""
 
     located: Localisation
+    rivals: tuple[Rival, ...]
 
 
 def remainder(
@@ -230,11 +230,12 @@ def remainder(
             if block.trial == number and set(block.columns) <= set(cause.channels)
         )
         systems = projected(systems, again.design, dataclasses.replace(cause, trial=number, blocks=blocks))
+    rivals = rivals_of_noise(systems, again.design, causes)
     for cause in causes:
         if cause.trial < 0:
             systems = projected(systems, again.design, cause)
     nothing = Scan({"": np.zeros(nulls + 1)}, np.zeros((0, nulls + 1)), {})
-    return Remainder(localise(again, systems, nothing, white=False))
+    return Remainder(localise(again, systems, nothing, white=False), tuple(rivals))
 
 
 def _as_noisy(noise: ChannelNoise, beyond: ChannelSystem, rng: np.random.Generator) -> ChannelNoise:

@@ -141,7 +141,7 @@ def _relinearised(trial: Trial, current: JointFit) -> Trial | None:
         forward = scalar.value * before.value > (SMALLEST_STEP * before.value) ** 2
         value = scalar.value if forward else SMALLEST_STEP * before.value
         effects.append(with_values(effect, {scalar.name: value}))
-    return Trial(trial.name, tuple(effects)) if effects else None
+    return Trial(trial.name, tuple(effects), trial.tied) if effects else None
 
 
 def _fitted(
@@ -255,7 +255,7 @@ def _effects(
             mine = [
                 i
                 for i, (n, block, _) in enumerate(places)
-                if n == number and design.blocks[block].effect is effect
+                if n == number and effect in design.blocks[block].effects
             ]
             if not mine:
                 continue
@@ -280,7 +280,7 @@ def _effect(
         _, block, k = places[i]
         name = design.blocks[block].scalars[k]
         for channel, columns in design.blocks[block].columns.items():
-            if columns[k] >= 0:
+            if columns[k] >= 0 and channel.sensor == effect.sensor:
                 parts.setdefault(channel, []).append((int(columns[k]), float(amplitude[i])))
         channel = next(c for c, columns in design.blocks[block].columns.items() if columns[k] >= 0)
         scale = design.channels[channel].scales[int(design.blocks[block].columns[channel][k])]

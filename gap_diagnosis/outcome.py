@@ -16,6 +16,7 @@ from gap_diagnosis.observation import Channel, TimingFinding
 from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.regimes import variable_of
 from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
+from gap_diagnosis.rivals import Rival
 from gap_diagnosis.search import EXPECTED_EFFECTS, Search
 
 SIGNIFICANT_P = 0.05
@@ -47,6 +48,7 @@ class Findings:
     left: Localisation | None
     timing: tuple[TimingFinding, ...]
     without: frozenset[str]
+    rivals: tuple[Rival, ...] = ()
 
 
 def report_of(found: Findings) -> GapReport:
@@ -59,8 +61,8 @@ def report_of(found: Findings) -> GapReport:
         "format": REPORT_FORMAT,
         "verdict": verdict,
         "where": _where(found) if gap else [],
-        "which": _which(found, noises) if gap else [],
-        "sets": _sets(found, noises) if gap else [{"effects": [], "probability": 1.0}],
+        "which": _which(found, noises),
+        "sets": _sets(found, noises),
         "class_probability": found.attribution.class_probability if gap else None,
         "shrinkage": _shrinkage_document(found, shrinkage) if gap else None,
         "unattributed": {
@@ -114,6 +116,12 @@ def _verdict(
     if best is None or (found.search.sets and not found.search.sets[0].causes):
         named = [claim.name for claim in noises] + [finding.effect for finding in found.timing]
         return ("attributed", None) if named else ("unattributed", _describe(found.located))
+    if found.rivals:
+        rival = found.rivals[0]
+        return (
+            "unattributed",
+            f"{rival.channel.name} follows {rival.variable} in a way that no effect of the catalogue does",
+        )
     if found.left is not None and found.left.p < REMAINDER_P:
         return "unattributed", _describe(found.left)
     if found.held is not None:

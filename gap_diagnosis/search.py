@@ -1,8 +1,8 @@
 """Which effects explain the residual: every single one, then pairs and triples on top of the best.
 
 An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all
-subsets alike; shapes are alike; so an effect's ln B is a mean over both. Sets have the prior π^|S|, with
-π = 0.2 / effects.
+subsets alike; shapes are alike; so an effect's ln B is a mean over both. As likely as none is
+one effect, whichever; each further one has the prior 0.05 / effects.
 A set is built by adding effects to the best smaller ones, whose own columns are then projected out: each
 addition is a search for a single effect in what is left.
 """
@@ -28,8 +28,8 @@ from gap_diagnosis.observation import Channel
 from gap_diagnosis.whitened import ChannelSystem
 
 MAX_EFFECTS = 3
-EXPECTED_EFFECTS = 0.2
-"""Prior number of effects beyond those that are there already."""
+EXPECTED_EFFECTS = 0.05
+"""Prior number of effects beyond the first."""
 BEAM = 6
 """So many of the best sets of one size are added to."""
 WORTH_ADDING = -4.0
@@ -179,11 +179,11 @@ def _with_neighbours(design: Design, cause: Cause) -> list[int]:
         for other in (cause.trial - 1, cause.trial + 1)
         if 0 <= other < len(design.trials) and is_neighbour(trial, design.trials[other])
     ]
-    mine = {(design.blocks[b].effect.sensor, design.blocks[b].scalars) for b in cause.blocks}
+    mine = {(tuple(design.blocks[b].columns), design.blocks[b].scalars) for b in cause.blocks}
     near = [
         number
         for number, block in enumerate(design.blocks)
-        if block.trial in beside and (block.effect.sensor, block.scalars) in mine
+        if block.trial in beside and (tuple(block.columns), block.scalars) in mine
     ]
     return [*cause.blocks, *near]
 
@@ -275,12 +275,17 @@ def search(
             break
     names = len(single)
     sets = list(found.values())
-    score = np.array(
-        [one.log_bayes_factor - len(one.causes) * np.log(max(names, 1) / EXPECTED_EFFECTS) for one in sets]
-    )
+    score = np.array([one.log_bayes_factor + _log_prior(len(one.causes), names) for one in sets])
     probability = np.exp(score - log_sum_exp(score, 0))
     order = np.argsort(-probability, kind="stable")
     return Search(tuple(sets[i] for i in order), probability[order], single, names)
+
+
+def _log_prior(size: int, names: int) -> float:
+    """Of a set of `size` effects out of `names`, but for a constant."""
+    if not size:
+        return 0.0
+    return -size * np.log(max(names, 1)) + (size - 1) * np.log(EXPECTED_EFFECTS)
 
 
 def _additions(

@@ -119,7 +119,7 @@ def _folds(prepared: Prepared) -> tuple[HeldOut, dict[str, dict[str, float]]]:
     information = sum(t.gram[0].mean(axis=0) for t in terms)
     uncertainty = np.sqrt(np.diag(np.linalg.pinv(np.asarray(information), hermitian=True)))
     share = {
-        prepared.design.blocks[number].effect.sensor: {
+        prepared.design.blocks[number].effects[0].sensor: {
             "value": float(amplitude[0, 0, i] / settled[i]),
             "standard_uncertainty": float(uncertainty[i] / settled[i]),
         }
