@@ -97,17 +97,21 @@ def _rank(lag: CoarseLag) -> tuple[bool, float]:
 
 
 def _at_own_times(stand: Stream, time_s: FloatArray, triads: dict[SensorName, UnitTriad]) -> float:
-    """The largest correlation of the norms without any alignment."""
+    """The largest correlation of an axis or of the norms without any alignment.
+
+    Of the axes too: a norm that a dead axis has no part in may fit another part of the test better.
+    """
     report: StandReport = stand_at(stand, time_s)
     largest = 0.0
     for sensor, triad in triads.items():
         told = getattr(report, _REPORTED[sensor])
         if told is None:
             continue
-        one, other = _length(triad.values_si), _length(told)
-        rows = np.isfinite(one) & np.isfinite(other)
-        if rows.sum() > 16 and one[rows].std() > 0 and other[rows].std() > 0:
-            largest = max(largest, float(np.corrcoef(one[rows], other[rows])[0, 1]))
+        pairs = [(triad.values_si[:, axis], told[:, axis]) for axis in range(3)]
+        for one, other in [(_length(triad.values_si), _length(told)), *pairs]:
+            rows = np.isfinite(one) & np.isfinite(other)
+            if rows.sum() > 16 and one[rows].std() > 0 and other[rows].std() > 0:
+                largest = max(largest, float(np.corrcoef(one[rows], other[rows])[0, 1]))
     return largest
 
 
