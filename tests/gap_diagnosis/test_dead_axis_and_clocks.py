@@ -10,12 +10,13 @@ DEG = np.pi / 180.0
 
 
 def steps_about_each_axis() -> tuple[np.ndarray, np.ndarray]:
-    """The same staircase about x, y and z."""
+    """The same staircase about x and z, another about y: the norm of x fits to z's as well."""
     time_s = np.arange(0.0, 165.0, 0.01)
-    stairs = 50.0 * np.array([0, 1, 2, 3, 4, 5, 5, 4, 3, 2, 1])
+    up, down = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 4], [9, 1, 7, 0, 8, 2, 6, 3, 5, 4, 1]
     rates = np.zeros((len(time_s), 3))
     for axis in range(3):
         inside = (time_s >= 55.0 * axis) & (time_s < 55.0 * (axis + 1))
+        stairs = 30.0 * np.array(down if axis == 1 else up)
         rates[inside, axis] = stairs[((time_s[inside] - 55.0 * axis) / 5.0).astype(int)]
     return time_s, rates
 
