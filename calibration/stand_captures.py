@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.algorithms.captures import Rotation, StaticPose
 from calibration.algorithms.coefficients import FloatArray
+from calibration.clock_of_turns import ClockRate, clock_rate_of_turns
 from calibration.evaluations.channels import channels_in_si
 from calibration.evaluations.method_evaluation import refused, stream_with
 from calibration.evaluations.stand_motion import ANGLES, RATES, StandMotion, stand_motion
@@ -27,22 +28,26 @@ TAKEN_S = 1.0
 """Of the rest on both sides that a turn's capture takes, or half of it where it is shorter."""
 ATTITUDE_UNCERTAINTY_RAD = math.radians(4.0 / 3600.0)
 """Of one pose or turn beside what all of them share: encoders, wobble and orthogonality of a table's axes."""
+CLOCK_STEPS = 2
+"""A clock far off shifts a turn by more than its delay is linear in: told again with the first taken out."""
 LEAST_REST_S = 1.0
 LEAST_TURN_RAD = 1.0
 
 
 @dataclass(frozen=True)
 class StandCaptures:
-    """Of one recording, on its own clock.
+    """Of one recording, on its own clock, set right where the turns tell its rate.
 
     Attributes:
         poses, rotations: with names that begin with the recording's.
         outside: samples in none of them.
+        clock: rate of the unit's clock, taken out; None: not told.
     """
 
     poses: tuple[StaticPose, ...]
     rotations: tuple[Rotation, ...]
     outside: int
+    clock: ClockRate | None = None
 
     def later(self, seconds: float) -> "StandCaptures":
         """On a clock that is ahead by so much."""
@@ -77,11 +82,17 @@ def stand_captures(recording: Recording) -> StandCaptures:
         if letters != "xyz":
             raise refused(recording, f"The recording has no triad of {kind} channels.", f"record {kind}_x …")
         triads[kind] = samples
-    motion = stand_motion(recording, time_s)
-    rests = _rests(motion)
-    if not rests:
-        raise refused(recording, "The stand is never at rest.", "record rests between the motions")
-    turns = _turns(recording, motion, rests, triads["gyro"])
+    motion, rests, turns = _moved(recording, time_s, triads["gyro"])
+    clock, fast = None, 0.0
+    for _ in range(CLOCK_STEPS if turns else 0):
+        rows = [row for row, _ in turns]
+        clock = clock_rate_of_turns(motion.time_s, motion.rate_rad_s, triads["gyro"], rows)
+        if clock is None:
+            break
+        fast += clock.rate
+        time_s = dut.time_s() * (1.0 - fast)
+        motion, rests, turns = _moved(recording, time_s, triads["gyro"])
+    clock = clock and replace(clock, rate=fast)
     inside = np.zeros(len(time_s), dtype=np.bool_)
     for rows, _ in turns:
         inside[rows] = True
@@ -94,7 +105,18 @@ def stand_captures(recording: Recording) -> StandCaptures:
         rows = slice(int(settled[0]), int(settled[-1]) + 1)
         poses.append(_pose(recording, motion, rows, triads, number))
         inside[rows] = True
-    return StandCaptures(tuple(poses), tuple(turn for _, turn in turns), int((~inside).sum()))
+    return StandCaptures(tuple(poses), tuple(turn for _, turn in turns), int((~inside).sum()), clock)
+
+
+def _moved(
+    recording: Recording, time_s: FloatArray, gyro: FloatArray
+) -> tuple[StandMotion, list[tuple[int, int]], list[tuple[slice, Rotation]]]:
+    """What the stand did at these times: its motion, its rests, its turns with what the gyros say."""
+    motion = stand_motion(recording, time_s)
+    rests = _rests(motion)
+    if not rests:
+        raise refused(recording, "The stand is never at rest.", "record rests between the motions")
+    return motion, rests, _turns(recording, motion, rests, gyro)
 
 
 def _rests(motion: StandMotion) -> list[tuple[int, int]]:

@@ -17,6 +17,8 @@ from calibration.algorithms.coefficients import FloatArray
 from calibration.evaluation import Evaluation, Residual
 from calibration.evaluations.method_evaluation import refused
 from calibration.evaluations.repeated_runs import between_runs, started_s
+from calibration.evaluations.stand_motion import rate_uncertainty
+from calibration.evaluations.sweep import CRYSTAL_DOUBT
 from calibration.imu_session import (
     ImuCalibration,
     NotUsed,
@@ -56,6 +58,8 @@ def evaluate_stand_session(recording: Recording) -> Evaluation:
         gyro_slow_noise=slow_noise(recording, "gyro"),
         acc_slow_noise=slow_noise(recording, "acc"),
     )
+    # The encoders tell a turn's angle, the unit's own clock how long it took.
+    found = replace(found, gyro=found.gyro.with_input_uncertainty(CRYSTAL_DOUBT))
     not_used = list(found.not_used)
     outside = len(recording.stream("dut")) - inside
     if outside > 0:
@@ -72,6 +76,7 @@ def evaluate_stand_session(recording: Recording) -> Evaluation:
         residuals=_residuals(found),
         assumptions=(
             say("poses, turns and Earth rate in body axes as the stand's encoders give them"),
+            _crystal_sentence(),
             say("gyro noise: {words}", words=found.gyro_noise),
             say("accelerometer noise: {words}", words=found.acc_noise),
         ),
@@ -94,6 +99,7 @@ def evaluate_stand_profiles(recordings: Sequence[Recording]) -> Evaluation:
     turns = [turn for one in captures for turn in one.rotations]
     not_used: list[NotUsed] = []
     known = {kind: _known_slow(first, kind, far_apart) for kind in ("gyro", "acc")}
+    rate_doubt = max(rate_uncertainty(recording) for recording in recordings)
     acc: SensorCalibration | None = None
     gyro: SensorCalibration | None = None
     try:
@@ -104,6 +110,8 @@ def evaluate_stand_profiles(recordings: Sequence[Recording]) -> Evaluation:
     try:
         _refuse_unturned(first, turns)
         gyro = calibrate_gyro(poses, turns, range_rad_s=limit, slow_noise=known["gyro"])
+        shared = math.hypot(_clock_doubt(captures), rate_doubt)  # by all turns
+        gyro = replace(gyro, coefficients=gyro.coefficients.with_input_uncertainty(shared))
     except CalibrationError as error:
         if acc is None:
             raise
@@ -128,7 +136,7 @@ def evaluate_stand_profiles(recordings: Sequence[Recording]) -> Evaluation:
             for one in found
             for name, values in one.residuals.items()
         ),
-        assumptions=_sentences(acc, gyro, len(poses), len(turns), far_apart),
+        assumptions=_sentences(acc, gyro, captures, rate_doubt, far_apart),
         not_used=(*(note for one in found for note in one.not_used), *not_used),
     )
 
@@ -147,15 +155,29 @@ def _refuse_unturned(recording: Recording, turns: Sequence[Rotation]) -> None:
 
 
 def _sentences(
-    acc: SensorCalibration | None, gyro: SensorCalibration | None, poses: int, turns: int, far_apart: bool
+    acc: SensorCalibration | None,
+    gyro: SensorCalibration | None,
+    captures: Sequence[StandCaptures],
+    rate_doubt: float,
+    far_apart: bool,
 ) -> tuple[str, ...]:
+    poses = sum(len(one.poses) for one in captures)
+    turns = sum(len(one.rotations) for one in captures)
     sentences = [
         say("poses, turns and Earth rate in body axes as the stand's encoders give them"),
         say("{poses} rests and {turns} turns found in the stand's rates", poses=poses, turns=turns),
         say("how the unit sits on the stand is part of the misalignment, not of its uncertainty"),
     ]
     if gyro is not None:
-        sentences.append(say("gyro noise: {words}", words=gyro.noise))
+        sentences += [
+            say(
+                "rate of the stand good to {part} (standard uncertainty, taken as stated)",
+                part=f"{rate_doubt:g}",
+            ),
+            say("scale factors are those at the rate of the turns: turns of one size tell no linearity"),
+            *_clock_sentences(captures),
+            say("gyro noise: {words}", words=gyro.noise),
+        ]
     if acc is not None:
         sentences.append(say("accelerometer noise: {words}", words=acc.noise))
     if far_apart:
@@ -163,6 +185,33 @@ def _sentences(
             say("the unit may have been switched off between the recordings: their slow noise is independent")
         )
     return tuple(sentences)
+
+
+def _clock_doubt(captures: Sequence[StandCaptures]) -> float:
+    """Of the unit's clock while it turned, relative."""
+    turned = [one.clock for one in captures if one.rotations]
+    return max(CRYSTAL_DOUBT if one is None else one.standard_uncertainty for one in turned)
+
+
+def _clock_sentences(captures: Sequence[StandCaptures]) -> list[str]:
+    turned = [one.clock for one in captures if one.rotations]
+    told = [
+        say(
+            "clocks joined by the trigger; the unit's runs {ppm} ± {doubt} ppm fast by the turns, taken out",
+            ppm=f"{clock.rate * 1e6:.1f}",
+            doubt=f"{clock.standard_uncertainty * 1e6:.2g}",
+        )
+        for clock in turned
+        if clock is not None
+    ]
+    return told + [_crystal_sentence()] * (len(told) < len(turned))
+
+
+def _crystal_sentence() -> str:
+    return say(
+        "the unit's crystal is taken as good to {ppm} ppm: as much of every scale factor of the gyros",
+        ppm=f"{CRYSTAL_DOUBT * 1e6:g}",
+    )
 
 
 def _on_one_clock(recordings: Sequence[Recording]) -> tuple[list[StandCaptures], bool]:

@@ -21,7 +21,7 @@ from calibration.evaluations.method_evaluation import (
     stream_with,
 )
 from calibration.evaluations.repeated_runs import between_runs, each_that_can, merged, mounts_words
-from calibration.evaluations.stand_motion import stand_motion
+from calibration.evaluations.stand_motion import rate_uncertainty, stand_motion
 from calibration.records.inertial_contents import repeatability_content, staircase_content
 from calibration.sensor_knowledge import sensor_range
 from protocol.errors import CalibrationError
@@ -30,8 +30,6 @@ from protocol.recordings import Recording
 
 SETTLE_S, LEAST_DWELL_S = 0.2, 0.5
 STEADY_RAD_S = 1e-5
-U_RATE = 1e-5
-"""Relative standard uncertainty of a turntable's rate, from its encoder: the recording does not tell."""
 
 
 def evaluate_rate_staircase(recordings: tuple[Recording, ...]) -> MethodEvaluation:
@@ -61,7 +59,7 @@ def _staircase(recording: Recording) -> tuple[str, StaircaseFigures, MethodEvalu
     letters, output = channels_in_si(recording, "gyro")
     if not letters:
         raise refused(recording, "The recording has no gyro.", "record gyro_x …")
-    motion = stand_motion(recording, time_s)
+    motion, rate_doubt = stand_motion(recording, time_s), rate_uncertainty(recording)
     rate, earth = motion.rate_rad_s, motion.earth_rate_rad_s
     stretches = find_dwells(
         rate, time_s, tolerance_rad_s=STEADY_RAD_S, least_s=LEAST_DWELL_S, settle_s=SETTLE_S
@@ -76,7 +74,7 @@ def _staircase(recording: Recording) -> tuple[str, StaircaseFigures, MethodEvalu
         dwells,
         sensors=tuple("xyz".index(letter) for letter in letters),
         range_rad_s=sensor_range(recording, "gyro"),
-        rate_standard_uncertainty=U_RATE,
+        rate_standard_uncertainty=rate_doubt,
         known_slow=stated_slow_terms(recording, "gyro"),
         where=f"recording {recording.recording_id}",
     )
@@ -86,7 +84,9 @@ def _staircase(recording: Recording) -> tuple[str, StaircaseFigures, MethodEvalu
         why = say("the stand changed its rate, or had just done so")
         not_used.append(NotUsed(say("between the dwells"), outside, why))
     sentences = [
-        say("rate of the stand good to {part} (standard uncertainty, taken as stated)", part=f"{U_RATE:g}"),
+        say(
+            "rate of the stand good to {part} (standard uncertainty, taken as stated)", part=f"{rate_doubt:g}"
+        ),
         say("Earth rate from the site's latitude and the stand's angles"),
         say("how the unit sits on the stand is part of the misalignment, not of its uncertainty"),
         *(

@@ -25,6 +25,16 @@ MAX_DISAGREEMENT = 0.01
 U_ATTITUDE_RAD = 1e-4
 """Standard uncertainty of the unit's axes against the stand's: how it is mounted, taken as stated."""
 
+U_RATE = {"two_axis_turntable": 2e-5, "thermal_turntable": 5e-5, "non_magnetic_turntable": 1e-4}
+"""Relative standard uncertainty of a table's rate and turn, by its kind, taken as stated."""
+U_RATE_OTHERWISE = 1e-5
+"""Of a three-axis table, from its encoder."""
+
+
+def rate_uncertainty(recording: Recording) -> float:
+    """Relative standard uncertainty of the rate of the stand that the recording names."""
+    return U_RATE.get(str(recording.stand.get("kind", "")), U_RATE_OTHERWISE)
+
 
 @dataclass(frozen=True)
 class StandMotion:

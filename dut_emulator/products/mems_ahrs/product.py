@@ -20,6 +20,7 @@ from dut_emulator.products.mems_ahrs.unit_effects import (
     BIAS_CORRELATION_TIME_S,
     DEFECTS,
     NOISE_UNIT_SPREAD,
+    TURN_ON_DEVIATION,
     draw_twin,
 )
 from dut_emulator.products.product import (
@@ -203,6 +204,7 @@ def _believed_triad(
     lag_s = float(getattr(own.get("bandwidth"), "time_constant_s", 0.0))
     quantum_si = float(getattr(own.get("quantization"), "quantum_si", 0.0))
     range_si = float(getattr(own.get("saturation"), "range_si", np.inf))
+    turn_on = TURN_ON_DEVIATION[sensor] / factor_to_si(slow_unit) if "bias" in own else 0.0
     return {
         "matrix": matrix.tolist(),
         "bias": (triple("bias", "bias_si") / si).tolist(),
@@ -214,6 +216,7 @@ def _believed_triad(
             "unit_spread": NOISE_UNIT_SPREAD,
             "correlation_time_s": BIAS_CORRELATION_TIME_S,
         },
+        **({"turn_on_repeatability": {"value": turn_on, "unit": slow_unit}} if turn_on else {}),
         "quantum": quantum_si / si or None,
         "range": range_si / si if np.isfinite(range_si) else None,
         "bandwidth_hz": 1.0 / (2.0 * np.pi * lag_s) if lag_s else None,
