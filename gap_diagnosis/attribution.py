@@ -1,6 +1,7 @@
 # pyright: strict
 """What the weighed sets come to: probabilities of effects, and which effects the test cannot tell apart."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ Indices = NDArray[np.int64]
 
 CONFUSABLE_LOG_BAYES = 3.0
 """Two effects whose expected ln B = ½ d² (1 − ρ²) is below this cannot be told apart (gap report, step 5)."""
+MOSTLY = 0.5
+"""Share of an effect's whitened signal that a look-alike explains at least."""
 SETS_KEPT = 40
 COVERED = 0.95
 
@@ -55,7 +58,7 @@ def attribute(
     for one, p in zip(search.sets, search.probability, strict=True):
         for name in one.names:
             inclusion[name] = inclusion.get(name, 0.0) + float(p)
-    confusable = _confusable(best, systems, design, fit)
+    confusable = _confusable(best, systems, design, fit, _rivals_seen(best, probability, acting))
     in_class = sum(float(p) for one, p in acting if _same_class(one.names, best.names, confusable))
     sets: list[tuple[tuple[str, ...], float]] = []
     covered = 0.0
@@ -80,10 +83,29 @@ def _same_class(names: Sequence[str], best: Sequence[str], confusable: Mapping[s
     return not left
 
 
+def _rivals_seen(
+    best: CauseSet, probability: float, sets: Sequence[tuple[CauseSet, float]]
+) -> dict[str, set[str]]:
+    """Name of an effect of `best` → others that took its place in sets nearly as probable."""
+    found: dict[str, set[str]] = {name: set() for name in best.names}
+    for one, p in sets:
+        added, missing = set(one.names) - set(best.names), set(best.names) - set(one.names)
+        if len(added) == len(missing) == 1 and p > probability * math.exp(-CONFUSABLE_LOG_BAYES):
+            found[missing.pop()].add(added.pop())
+    return found
+
+
 def _confusable(
-    best: CauseSet, systems: Mapping[Channel, ChannelSystem], design: Design, fit: JointFit | None
+    best: CauseSet,
+    systems: Mapping[Channel, ChannelSystem],
+    design: Design,
+    fit: JointFit | None,
+    seen: Mapping[str, set[str]],
 ) -> dict[str, tuple[str, ...]]:
-    """Others that would explain all but ½ d² (1 − ρ²) < 3 of what each effect of the set explains."""
+    """Others that would explain all but ½ d² (1 − ρ²) < 3 of what each effect of the set explains.
+
+    So is one that these data leave within the same odds, if it explains most of the effect.
+    """
     found: dict[str, tuple[str, ...]] = {}
     signals = (
         {} if fit is None else {cause.name: d for cause, d in zip(fit.causes, _signals(fit), strict=True)}
@@ -91,7 +113,7 @@ def _confusable(
     for cause in best.causes:
         if cause.trial < 0:
             found[cause.name] = tuple(
-                sorted(n for n in {"gyro.bias_instability", "gyro.rate_random_walk"} if n != cause.name)
+                sorted(n for n in ("gyro.bias_instability", "gyro.rate_random_walk") if n != cause.name)
                 if cause.name.startswith("gyro.") and "angle" not in cause.name
                 else ()
             )
@@ -102,7 +124,11 @@ def _confusable(
         alike = {
             name
             for name, share in explained.items()
-            if name != cause.name and 0.5 * d2 * (1.0 - share) < CONFUSABLE_LOG_BAYES
+            if name != cause.name
+            and (
+                0.5 * d2 * (1.0 - share) < CONFUSABLE_LOG_BAYES
+                or (share > MOSTLY and name in seen.get(cause.name, ()))
+            )
         }
         found[cause.name] = tuple(sorted(alike - set(best.names)))
     return found

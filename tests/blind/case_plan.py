@@ -61,7 +61,7 @@ SHOWN_BY: dict[str, tuple[str, ...]] = {
     "bump_in_time": KINDS, "telegraph_bias": KINDS,
     "second_order_drift": _HEATED,
     **dict.fromkeys(("harmonic_mix", "rate_times_force"), ("tumble", "swing")),
-    "acc_follows_supply": KINDS,
+    "mag_follows_supply": KINDS,
     **dict.fromkeys(("acc_follows_temperature_rate",), _HEATED),
     **dict.fromkeys(("mag_follows_temperature_rate",), ("staircase",)),
 }  # fmt: skip

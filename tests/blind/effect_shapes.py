@@ -246,8 +246,6 @@ _SHAPES = [
     Shape("acc.quadratic_nonlinearity", _per_axis("acc", lambda r, p: r.f**2), 5e-3),
     Shape("acc.odd_quadratic_nonlinearity", _per_axis("acc", lambda r, p: r.f * np.abs(r.f)), 5e-3),
     Shape("acc.cubic_nonlinearity", _per_axis("acc", lambda r, p: r.f**3), 5e-3),
-    Shape("acc.cross_axis_sensitivity",
-          _per_axis("acc", lambda r, p: _others(r.f) * r.f[:, :, None]), 1e-2),
     Shape("acc.size_effect", _per_axis("acc", lambda r, p: _size(r)), 0.2, whole=True),
     Shape("acc.shock_bias_shift", _per_axis("acc", _after_shock), 0.05),
     Shape("acc.warm_up", _per_axis("acc", _warm_up), 0.05, **_WARM_UP),

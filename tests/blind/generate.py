@@ -148,7 +148,7 @@ def _foreign(rng: np.random.Generator, case: Case, test: Excitation, catalogue: 
     others = ("bump_in_time", "telegraph_bias")
     if case.spec.kind == "decoy":
         others = (
-            "acc_follows_supply",
+            "mag_follows_supply",
             "acc_follows_rate",
             "mag_follows_force",
             "acc_follows_temperature_rate",

@@ -236,7 +236,7 @@ def _wrong_channel(
 
 DECOYS: dict[str, Callable[[np.random.Generator, Excitation], Block]] = {
     "acc_follows_rate": _wrong_channel("acc", lambda run: np.abs(run.w[:, 0])),
-    "acc_follows_supply": _wrong_channel("acc", lambda run: run.supply - 5),
+    "mag_follows_supply": _wrong_channel("mag", lambda run: run.supply - 5),
     "acc_follows_temperature_rate": _wrong_channel("acc", lambda run: run.temperature_rate),
     "mag_follows_temperature_rate": _wrong_channel("mag", lambda run: run.temperature_rate),
     "mag_follows_force": _wrong_channel("mag", lambda run: run.f[:, 0]),

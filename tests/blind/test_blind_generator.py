@@ -99,7 +99,7 @@ def test_play_follows_at_its_distance() -> None:
 
 def test_a_case_is_reproducible_and_in_the_contract_s_form(short_test: Excitation, tmp_path: Path) -> None:
     catalogue = Catalogue(short_test)
-    spec = CaseSpec(7, "single", ("acc.cross_axis_sensitivity",), 8.0, "tumble", 0)
+    spec = CaseSpec(7, "single", ("acc.quadratic_nonlinearity",), 8.0, "tumble", 0)
     labels = []
     for name in ("one", "other"):
         (tmp_path / name).mkdir()
@@ -116,7 +116,7 @@ def test_a_case_is_reproducible_and_in_the_contract_s_form(short_test: Excitatio
             for column, samples in one.streams[stream].columns.items():
                 assert np.array_equal(samples, other.streams[stream].columns[column]), column
     label = json.loads(labels[0])
-    assert label["effects"] == ["acc.cross_axis_sensitivity"]
+    assert label["effects"] == ["acc.quadratic_nonlinearity"]
     assert label["d"] == [8.0]
 
 
