@@ -28,7 +28,10 @@ CONSTANT = frozenset({"misalignment", "scale_factor_error", "bias", "hard_iron",
 ABSORBED = frozenset({"remount_misalignment", "rate_scale_factor", "cross_axis_sensitivity"})
 """Constants too, of one unit at one mount; several units or mounts tell them (`cohort`)."""
 SEEN_OTHERWISE = frozenset(
-    {"frame_loss", "duplicate_frames", "counter_wrap", "timestamp_jitter", "quantization", "aliasing"}
+    {
+        *("frame_loss", "duplicate_frames", "counter_wrap", "timestamp_jitter", "quantization"),
+        *("aliasing", "mains_interference"),
+    }
 )
 """Found by the timing stage, by the samples' steps or by spectral lines, not by regressors."""
 NOT_OF_A_TRIAD = frozenset({"latency", "clock_step", "antenna_lever_arm", "multipath", "crank_geometry"})
@@ -41,7 +44,6 @@ DRIFT = 2e-5
 WOBBLE_HARMONICS = (1.0, 2.0)
 FIELD_HARMONICS = (1.0, 2.0, 3.0)
 RIPPLE_HARMONICS = tuple(float(n) for n in (*range(1, 25), 28, 30, 32, 36, 40, 48, 60, 64, 72, 90, 120, 180))
-MAINS_HZ = (50.0, 60.0)
 LEAST_TURN_RAD = 0.3
 TINY = 1e-9
 
@@ -184,9 +186,6 @@ def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterato
     elif word == "chamber_lag":
         for tau in CHAMBER_LAGS_S:
             yield {"time_constant_s": tau}
-    elif word == "mains_interference":
-        for frequency in MAINS_HZ:
-            yield {"frequency_hz": frequency}
     elif word in {"wobble", "motor_field", "rate_ripple", "encoder_eccentricity"}:
         harmonics = {
             "wobble": WOBBLE_HARMONICS,

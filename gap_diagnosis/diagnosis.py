@@ -19,10 +19,11 @@ import numpy as np
 from gap_diagnosis.attribution import Attribution, attribute
 from gap_diagnosis.candidates import Trial, has_shape, trials_for
 from gap_diagnosis.decimation import decimated
+from gap_diagnosis.direct_findings import certain_findings, oddities_of
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
-from gap_diagnosis.observation import Channel, Observation, TimingFinding
+from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.observing import observe
 from gap_diagnosis.outcome import Findings, report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
@@ -30,6 +31,7 @@ from gap_diagnosis.proposal import with_next_test
 from gap_diagnosis.report import GapReport
 from gap_diagnosis.rivals import Rival, rivals_of_noise
 from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
+from gap_diagnosis.spectral_lines import lines_taken_off
 from gap_diagnosis.stillness import stilled
 from gap_diagnosis.together import check_together
 from gap_diagnosis.visible import visible_only
@@ -50,12 +52,6 @@ NOISES = {
 SHARPENINGS = 2
 SHARP_SIGNAL = 7.0
 """From this whitened signal-to-noise ratio on, a shape between two of the grid's is searched with."""
-CERTAIN_LOG_RATIO = 12.0
-"""A timing finding counts from this log likelihood ratio on."""
-SEEN_BY_TIMING = frozenset(
-    {"link.timestamp_jitter", "link.frame_loss", "link.duplicate_frames", "link.counter_wrap"}
-)
-
 Progress = Callable[[str, float], None]
 
 
@@ -89,10 +85,11 @@ def diagnose(
             remedy="name at least one recording.",
         )
     check_together(recordings)
-    observations: list[Observation] = []
+    observed: list[Observation] = []
     for number, recording in enumerate(recordings):
         progress("reading", 0.2 * number / len(recordings))
-        observations.append(decimated(stilled(observe(recording))))
+        observed.append(stilled(observe(recording)))
+    observations = [decimated(one) for one in lines_taken_off(observed)]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
 
@@ -143,10 +140,19 @@ def diagnose_observations(
         progress("what is left", 0.9)
         left = remainder(observations, prepared, fit, best.causes, nulls, rng)
     attribution = attribute(found, systems, searched.design, fit)
-    timing = _certain(observations, without)
+    timing = certain_findings(observations, without)
     progress("report", 0.95)
     findings = Findings(
-        prepared, located, found, attribution, fit, held, left.located if left else None, timing, without
+        prepared,
+        located,
+        found,
+        attribution,
+        fit,
+        held,
+        left.located if left else None,
+        timing,
+        without,
+        oddities=oddities_of(observations, without),
     )
     return with_next_test(report_of(findings), observations, searched, found, attribution)
 
@@ -182,21 +188,6 @@ def _noises(systems: Mapping[Channel, ChannelSystem], without: frozenset[str]) -
         if channels and name not in without:
             found.append(SlowExcess(name, channels, shapes))
     return found
-
-
-def _certain(observations: Sequence[Observation], without: frozenset[str]) -> tuple[TimingFinding, ...]:
-    """The clearest finding of each kind among the recordings."""
-    best: dict[str, TimingFinding] = {}
-    for one in observations:
-        for finding in one.timing:
-            if finding.effect not in SEEN_BY_TIMING or finding.effect in without:
-                continue
-            known = best.get(finding.effect)
-            if finding.log_likelihood_ratio > CERTAIN_LOG_RATIO and (
-                known is None or finding.log_likelihood_ratio > known.log_likelihood_ratio
-            ):
-                best[finding.effect] = finding
-    return tuple(best.values())
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def duplicates(sensor: SensorName, output: SensorOutput) -> TimingFinding | None
     several = _chance_at_most(steps[known])  # a channel that stands still repeats itself
     allowed = 1.5 * expected + 3.0 * math.sqrt(expected) + (unknown + 1.5 * several) * number
     everywhere = np.flatnonzero((steps == 0.0).all(axis=1))
-    if found <= 0 or equal <= allowed or _is_slower(everywhere, equal / number):
+    if found <= 0 or equal <= allowed or is_slower(everywhere, equal / number):
         return None
     ratio = equal * math.log(equal / allowed) - (equal - allowed)
     said = (
@@ -126,7 +126,7 @@ def _steps(output: SensorOutput) -> tuple[FloatArray, BoolArray, BoolArray]:
     return steps, seen & (largest > least), known
 
 
-def _is_slower(repeats: IntArray, share: float) -> bool:
+def is_slower(repeats: IntArray, share: float) -> bool:
     """Random repeats have geometric distances, P(d) = p (1 − p)^(d − 1); a slower sensor's show a pattern."""
     if len(repeats) < LEAST_PAIRS or share < LEAST_SLOWER:
         return False

@@ -65,15 +65,18 @@ class SensorOutput:
 
 @dataclass(frozen=True)
 class TimingFinding:
-    """What the sample times, the counter or the order of the frames show by themselves.
+    """What the samples show by themselves: their times, their order, their values, their spectrum.
 
     Attributes:
         effect: name in the catalogue: link.fixed_delay, link.clock_drift, link.timestamp_jitter,
-            link.frame_loss, link.duplicate_frames, link.counter_wrap.
+            link.frame_loss, link.duplicate_frames, link.counter_wrap, link.aliasing, mag.mains_interference,
+            quantization and saturation of a triad.
         sensors: triads that it was seen on; empty: the whole frame.
         parameter, value, standard_uncertainty, unit: as the catalogue names it, SI.
         log_likelihood_ratio: against no such effect; large is certain.
         description: English, for people.
+        more: further parameters: name, value, standard uncertainty, unit.
+        channels: 'gyro_x', …, where it is not on all axes of its triads.
     """
 
     effect: str
@@ -84,6 +87,29 @@ class TimingFinding:
     unit: str
     log_likelihood_ratio: float
     description: str
+    more: tuple[tuple[str, float, float, str], ...] = ()
+    channels: tuple[str, ...] = ()
+
+    def is_on(self, channel: "Channel") -> bool:
+        """Whether it was seen on this channel."""
+        return channel.name in self.channels if self.channels else channel.sensor in self.sensors
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """What the samples show and no effect of the catalogue does: 'gyro_x holds its last value …'.
+
+    Attributes:
+        description: English.
+        channel: 'gyro_x'.
+        p: of chance, family-wise over what was looked at.
+        is_certain: by itself, whatever else acts; otherwise it only describes what no effect explains.
+    """
+
+    description: str
+    channel: str
+    p: float
+    is_certain: bool = True
 
 
 @dataclass(frozen=True)
@@ -111,9 +137,10 @@ class Observation:
         piece: (n,) int: rows of one number follow each other without a hole.
         sample_period_s: of the unit.
         samples_per_row: 1, or how many samples a row is the mean of.
-        timing: findings that need no model.
+        timing: what frames and counter show; delay, drift and jitter against the stand (see `timing`).
         aligned_by_s: added to the unit's clock where the two clocks' epochs are unrelated; 0: nothing.
         set_aside: what is not used.
+        oddities: what the samples show and the catalogue has not.
         believed: recording.json's own object.
     """
 
@@ -135,6 +162,7 @@ class Observation:
     timing: tuple[TimingFinding, ...] = ()
     aligned_by_s: float = 0.0
     set_aside: tuple[SetAside, ...] = ()
+    oddities: tuple[Oddity, ...] = ()
     site: Mapping[str, float] = field(default_factory=dict[str, float])
     believed: Mapping[str, object] = field(default_factory=dict[str, object])
 

@@ -6,7 +6,9 @@
     stand_at_unit      the stand's report at those instants, never across a hole
     prediction         M u + b behind the believed pole, the Earth's rate added where it is believed
     doubtful_samples   what is saturated or frozen is set aside
-    timing             what the sample times and the order of the frames show by themselves
+    lattice            the quantum that the values have
+    timing, frames     what the sample times and the order of the frames show by themselves
+    clipping, held_values, steps    stops inside the range, channels that repeat themselves, jumps
 
 Out of scope: GNSS fixes (a stream of their own) and poses that nothing in the recording tells.
 """
@@ -17,11 +19,14 @@ import math
 import numpy as np
 
 from gap_diagnosis.alignment import coarse_alignment, constant_delay, triad_of
+from gap_diagnosis.clipping import clipped
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.frames import counter_wrap, duplicates, frame_loss, stamp_jumps, without_duplicates
+from gap_diagnosis.held_values import held_channels
 from gap_diagnosis.holes import median_period_s
-from gap_diagnosis.observation import Observation, SetAside, TimingFinding
+from gap_diagnosis.observation import Observation, Oddity, SetAside, TimingFinding
 from gap_diagnosis.plausibility import refuse_mistakes
+from gap_diagnosis.steps import steps_in
 from gap_diagnosis.timing import LEAST_LOG_RATIO, StandTiming, timing_against_stand
 from gap_diagnosis.unit_and_stand import UnitSide, observed_at, unit_side
 from protocol.errors import Fault
@@ -55,12 +60,16 @@ def observe(recording: Recording) -> Observation:
         notes.insert(0, SetAside("clock", 0, why))
     observation, timing, said = _frames(unit, observation)
     notes += said
+    timing += unit.lattices
+    oddities = [*observation.oddities, *steps_in(observation)]
     against = _against_stand(unit, observation, is_aligned, coarse.about_s)
     if against is not None:
         timing += against.findings
     for note in (stamp_jumps(unit.rows, recording.stream("dut").time_s()), _other_period(unit)):
         notes += [] if note is None else [note]
-    return dataclasses.replace(observation, timing=tuple(timing), set_aside=tuple(notes))
+    return dataclasses.replace(
+        observation, timing=tuple(timing), set_aside=tuple(notes), oddities=tuple(oddities)
+    )
 
 
 def _other_period(unit: UnitSide) -> SetAside | None:
@@ -98,8 +107,9 @@ def _finely_aligned(unit: UnitSide, observation: Observation) -> tuple[Observati
 def _frames(
     unit: UnitSide, observation: Observation
 ) -> tuple[Observation, list[TimingFinding], list[SetAside]]:
-    """What the frames show; certain copies and wrapped values are missing values from here on."""
+    """What the frames show; copies, wrapped, held and stopped values are missing values from here on."""
     found, notes = list(frame_loss(unit.rows, unit.triads)), list[SetAside]()
+    oddities: list[Oddity] = []
     outputs = dict(observation.outputs)
     for sensor, output in observation.outputs.items():
         if sensor == "temperature" or unit.triads[sensor].are_means:
@@ -112,8 +122,15 @@ def _frames(
             output, count = without_duplicates(output)
             found.append(copies)
             notes.append(SetAside(sensor, count, "frames that repeat the one before"))
+        output, held, of_held = held_channels(sensor, output)
+        output, stop, one_sided, of_stops = clipped(
+            sensor, output, unit.rows.spread(unit.triads[sensor].values_si)
+        )
+        found += [] if stop is None else [stop]
+        oddities += [*held, *one_sided]
+        notes += [*of_held, *of_stops]
         outputs[sensor] = output
-    return dataclasses.replace(observation, outputs=outputs), found, notes
+    return dataclasses.replace(observation, outputs=outputs, oddities=tuple(oddities)), found, notes
 
 
 def _against_stand(

@@ -12,7 +12,7 @@ from gap_diagnosis.drawings import drawn
 from gap_diagnosis.fitting import FittedEffect, JointFit
 from gap_diagnosis.held_out import HeldOut, Shrinkage, shrinkage_of
 from gap_diagnosis.localisation import CellFinding, Localisation
-from gap_diagnosis.observation import Channel, TimingFinding
+from gap_diagnosis.observation import Channel, Oddity, TimingFinding
 from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.regimes import variable_of
 from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
@@ -24,7 +24,13 @@ REMAINDER_P = 0.01
 NAMED_PROBABILITY = 0.95
 CLOSED_SHARE = 0.8
 MAX_PLACES, MAX_NAMES = 24, 12
+MAX_ODDITIES = 3
 LARGEST_FACTOR = 30.0
+KIND_OF = {
+    **dict.fromkeys(("aliasing", "mains_interference", "saturation"), "deterministic"),
+    "quantization": "stochastic",
+}
+"""Of what the samples show by themselves; the rest is timing."""
 FIELD: Mapping[str, tuple[str, float]] = {
     "gyro": ("deg/s", math.pi / 180.0),
     "acc": ("m/s^2", 1.0),
@@ -49,14 +55,23 @@ class Findings:
     timing: tuple[TimingFinding, ...]
     without: frozenset[str]
     rivals: tuple[Rival, ...] = ()
+    oddities: tuple[Oddity, ...] = ()
 
 
 def report_of(found: Findings) -> GapReport:
     """The report."""
     noises = _noise_claims(found)
-    gap = found.located.p < SIGNIFICANT_P or bool(found.timing) or bool(noises)
+    gap = (
+        found.located.p < SIGNIFICANT_P
+        or bool(found.timing)
+        or bool(noises)
+        or bool(_certain_oddities(found))
+    )
     shrinkage = _shrinkage(found)
     verdict, why = _verdict(found, gap, noises, shrinkage)
+    if verdict == "unattributed" and found.oddities:
+        seen = list(dict.fromkeys([one.description for one in found.oddities][:MAX_ODDITIES]))
+        why = "; ".join([*seen, *([why] if why else [])])
     document: dict[str, Any] = {
         "format": REPORT_FORMAT,
         "verdict": verdict,
@@ -110,6 +125,8 @@ def _verdict(
     """The verdict, and what remains in words where the data do not fit a set."""
     if not gap:
         return "no_gap", None
+    if _certain_oddities(found):
+        return "unattributed", None
     best = found.attribution.best
     deterministic = [cause for cause in best.causes if cause.trial >= 0] if best is not None else []
     probability = found.attribution.probability
@@ -140,6 +157,10 @@ def _verdict(
     if found.attribution.class_probability >= NAMED_PROBABILITY:
         return "confusable", None
     return "unattributed", "no set of effects is likely enough"
+
+
+def _certain_oddities(found: Findings) -> list[Oddity]:
+    return [one for one in found.oddities if one.is_certain]
 
 
 def _describe(located: Localisation) -> str:
@@ -182,11 +203,15 @@ def _where(found: Findings) -> list[dict[str, Any]]:
             )
     for finding in found.timing:
         for sensor in finding.sensors or tuple({c.sensor for c in found.prepared.moments}):
-            for channel in (c for c in found.prepared.moments if c.sensor == sensor):
+            for channel in (
+                c
+                for c in found.prepared.moments
+                if c.sensor == sensor and (not finding.sensors or finding.is_on(c))
+            ):
                 places.append(
                     {
                         "channel": channel.name,
-                        "kind": "timing",
+                        "kind": KIND_OF.get(finding.effect.split(".")[1], "timing"),
                         "regime": None,
                         "p_adjusted": math.exp(-min(finding.log_likelihood_ratio, 600.0)),
                         "excess_rms": 0.0,
@@ -194,6 +219,18 @@ def _where(found: Findings) -> list[dict[str, Any]]:
                         "fitted_tail": True,
                     }
                 )
+    for oddity in _certain_oddities(found):
+        places.append(
+            {
+                "channel": oddity.channel,
+                "kind": "deterministic",
+                "regime": None,
+                "p_adjusted": oddity.p,
+                "excess_rms": 0.0,
+                "unit": FIELD[oddity.channel.split("_")[0]][0],
+                "fitted_tail": True,
+            }
+        )
     if not places and found.located.cells:
         places.append(_strongest(found))
     return places
@@ -314,13 +351,13 @@ def _which(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]
             {
                 "effect": finding.effect,
                 "probability": 1.0 - math.exp(-min(finding.log_likelihood_ratio, 600.0)),
-                "channels": [c.name for c in found.prepared.moments if c.sensor in finding.sensors],
+                "channels": [c.name for c in found.prepared.moments if finding.is_on(c)],
                 "parameters": {
-                    finding.parameter: {
-                        "value": finding.value,
-                        "standard_uncertainty": finding.standard_uncertainty,
-                        "unit": finding.unit,
-                    }
+                    name: {"value": value, "standard_uncertainty": uncertainty, "unit": unit}
+                    for name, value, uncertainty, unit in (
+                        (finding.parameter, finding.value, finding.standard_uncertainty, finding.unit),
+                        *finding.more,
+                    )
                 },
                 "confusable_with": [],
                 "sensor": finding.sensors[0] if finding.sensors else None,

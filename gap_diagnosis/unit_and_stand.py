@@ -14,7 +14,8 @@ from gap_diagnosis.belief import TRIADS, TriadBelief, triad_belief
 from gap_diagnosis.doubtful_samples import set_aside_in
 from gap_diagnosis.errors import DiagnosisError
 from gap_diagnosis.holes import piece_numbers
-from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside
+from gap_diagnosis.lattice import coarse_lattice
+from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside, TimingFinding
 from gap_diagnosis.prediction import earth_rate_in_body, gravity_in_body, predicted_si
 from gap_diagnosis.rest import at_rest, refuse_unless_at_rest
 from gap_diagnosis.stand_at_unit import StandReport, stand_at
@@ -39,6 +40,8 @@ class UnitSide:
     beliefs: Mapping[SensorName, TriadBelief]
     triads: dict[SensorName, UnitTriad]
     unread: tuple[str, ...]
+    quanta: Mapping[SensorName, float]
+    lattices: tuple[TimingFinding, ...]
 
     @property
     def mean_over_s(self) -> float:
@@ -55,7 +58,15 @@ def unit_side(recording: Recording) -> UnitSide:
     rows = unit_rows(recording)
     beliefs: dict[SensorName, TriadBelief] = {sensor: triad_belief(recording, sensor) for sensor in TRIADS}
     triads, unread = unit_triads(recording, beliefs, rows.period_s)
-    return UnitSide(recording, rows, beliefs, triads, tuple(unread))
+    quanta, lattices = dict[SensorName, float](), list[TimingFinding]()
+    for sensor, triad in triads.items():
+        believed_si = beliefs[sensor].quantum_si or triad.quantum_si
+        quanta[sensor] = believed_si
+        if not triad.are_means:
+            seen_si, finding = coarse_lattice(sensor, triad.values_si, believed_si)
+            quanta[sensor] = max(believed_si, seen_si)
+            lattices += [] if finding is None else [finding]
+    return UnitSide(recording, rows, beliefs, triads, tuple(unread), quanta, tuple(lattices))
 
 
 def observed_at(unit: UnitSide, added_s: float) -> Observation:
@@ -207,7 +218,7 @@ def _outputs(
             said.append(SetAside(sensor, len(stimulus.time_s), "the stand tells nothing that predicts it"))
             continue
         belief = unit.beliefs[sensor]
-        quantum_si = belief.quantum_si or triad.quantum_si
+        quantum_si = unit.quanta[sensor]
         predicted = predicted_si(acting, belief, stimulus.sample_period_s, piece)
         values = unit.rows.spread(triad.values_si)
         if not triad.are_means:  # counts of pulses repeat themselves

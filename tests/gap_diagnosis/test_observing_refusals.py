@@ -167,11 +167,14 @@ def test_saturated_and_frozen_stretches_are_set_aside(swung: Recording) -> None:
     assert "acc 399 frozen" in said(observed)
 
 
-def test_a_channel_that_stops_below_its_range_stays_a_gap(swung: Recording) -> None:
-    """The stand goes on: 'gyro.saturation' is a cause to be found, not a reason to look away."""
+def test_a_channel_that_stops_below_its_range_is_a_finding(swung: Recording) -> None:
+    """The stand goes on: the stop has a name, and its rows tell nothing else."""
     clipped = np.clip(dut(swung)["gyro_x"], -50.0, 50.0)
     observed = observe(changed(swung, "dut", gyro_x=clipped))
-    assert np.isfinite(observed.outputs["gyro"].values_si[:, 0]).all()
+    (finding,) = [one for one in observed.timing if one.effect == "gyro.saturation"]
+    assert finding.value == pytest.approx(50.0 * DEG, abs=4 * finding.standard_uncertainty)
+    stopped = np.abs(dut(swung)["gyro_x"]) >= 50.0
+    assert (np.isnan(observed.outputs["gyro"].values_si[:, 0]) == stopped).all()
 
 
 def test_three_tenths_of_the_frames_lost_leave_the_rest(swung: Recording) -> None:

@@ -1,0 +1,147 @@
+# pyright: strict
+"""Spectral lines in what the motion does not explain: tones that last, of one frequency in all recordings.
+
+Of each channel, what bias, matrix and the prediction's slope leave is taken; its periodogram over the local
+background (medians of ever wider bands, interpolated) is, without a line, a unit exponential. Sums over
+recordings, and over the axes of a triad, are gamma distributed, F distributed for the background's own
+uncertainty; p is family-wise over all frequencies, channels and triads. With amplitude A in n samples of
+deviation σ, the sum grows by d² / 2 = n A² / (4 σ²).
+
+What the motion leaves has lines too. A line counts only if
+    it is none of the excitation's     no predicted output, square or modulus of one, and no gimbal's wave has
+                                       a line there
+    it lasts                           its amplitude and phase are alike in six parts of each recording
+
+Found lines are fitted (own phases in each recording) and taken off, the clearest first.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+
+from dut_emulator.effects.effect import SI_UNIT
+from gap_diagnosis.line_residuals import LineResiduals, line_residuals
+from gap_diagnosis.line_search import Line, LineSearch
+from gap_diagnosis.observation import AXES, Observation, TimingFinding
+
+MAX_ROWS_TOGETHER = 2_000_000
+SAME_RATE = 1e-5
+MAINS_HZ, MAINS_TOLERANCE_HZ = (50.0, 60.0), 0.05
+
+
+def without_lines(observations: Sequence[Observation]) -> tuple[list[Observation], list[Line]]:
+    """The observations (single samples, one sampling period) with lines taken off, and the lines.
+
+    Each observation gets the findings; see `finding_of`.
+    """
+    period_s = observations[0].sample_period_s
+    parts = [line_residuals(one) for one in observations]
+    rate_hz = 1.0 / period_s
+    expected_hz = [abs(f - rate_hz * round(f / rate_hz)) for f in MAINS_HZ]
+    search = LineSearch([part for part in parts if part is not None], period_s, expected_hz)
+    lines = list(search.lines())
+    findings = tuple(finding_of(line, period_s) for line in _merged(lines))
+    return [
+        one if part is None else _with(one, part, findings)
+        for one, part in zip(observations, parts, strict=True)
+    ], lines
+
+
+def lines_taken_off(observations: Sequence[Observation]) -> list[Observation]:
+    """The observations with findings of lines, and without these; searched together as far as that fits.
+
+    Those of one sampling rate belong together, up to `MAX_ROWS_TOGETHER`.
+    """
+    groups: list[list[int]] = []
+    for number, one in enumerate(observations):
+        for group in groups:
+            first = observations[group[0]]
+            rows = sum(len(observations[index]) for index in group) + len(one)
+            if rows <= MAX_ROWS_TOGETHER and _same_rate(first, one):
+                group.append(number)
+                break
+        else:
+            groups.append([number])
+    found = list(observations)
+    for group in groups:
+        cleaned, _ = without_lines([observations[index] for index in group])
+        for number, one in zip(group, cleaned, strict=True):
+            found[number] = one
+    return found
+
+
+def _same_rate(one: Observation, other: Observation) -> bool:
+    return abs(one.sample_period_s / other.sample_period_s - 1.0) < SAME_RATE
+
+
+def _with(one: Observation, part: LineResiduals, findings: tuple[TimingFinding, ...]) -> Observation:
+    outputs = dict(one.outputs)
+    for (sensor, axis), tone in part.removed.items():
+        values = outputs[sensor].values_si.copy()
+        values[:, axis] -= tone
+        outputs[sensor] = dataclasses.replace(outputs[sensor], values_si=values)
+    return dataclasses.replace(one, outputs=outputs, timing=(*one.timing, *findings))
+
+
+def _merged(lines: Sequence[Line]) -> list[Line]:
+    """One line for each sensor and frequency, axes found apart joined."""
+    found: list[Line] = []
+    for line in sorted(lines, key=lambda one: -one.log_ratio):
+        same = next(
+            (
+                n
+                for n, other in enumerate(found)
+                if other.sensor == line.sensor
+                and abs(other.frequency_hz - line.frequency_hz)
+                < 5.0 * math.hypot(other.frequency_uncertainty_hz, line.frequency_uncertainty_hz)
+            ),
+            None,
+        )
+        if same is None:
+            found.append(line)
+            continue
+        other = found[same]
+        found[same] = dataclasses.replace(
+            other,
+            axes=tuple(sorted({*other.axes, *line.axes})),
+            amplitude_si=tuple(map(max, other.amplitude_si, line.amplitude_si)),  # pyright: ignore[reportArgumentType]
+            amplitude_uncertainty_si=tuple(
+                map(max, other.amplitude_uncertainty_si, line.amplitude_uncertainty_si)
+            ),  # pyright: ignore[reportArgumentType]
+        )
+    return found
+
+
+def finding_of(line: Line, period_s: float) -> TimingFinding:
+    """The line by the catalogue's name: mains in a magnetometer alone, else a vibration that folded down."""
+    channels = ", ".join(f"{line.sensor}_{AXES[axis]}" for axis in line.axes)
+    rate_hz = 1.0 / period_s
+    seen = line.frequency_hz
+    tolerance = MAINS_TOLERANCE_HZ + 3.0 * line.frequency_uncertainty_hz
+    mains = [f for f in MAINS_HZ if abs(abs(f - rate_hz * round(f / rate_hz)) - seen) < tolerance]
+    unit = SI_UNIT[line.sensor]
+    size = max(line.amplitude_si)
+    said = f"A line at {seen:.5g} Hz on {channels}, of {size:.3g} {unit}"
+    if line.sensor == "mag" and mains:
+        fold = mains[0] - rate_hz * round(mains[0] / rate_hz)
+        name, true_hz = "mag.mains_interference", mains[0] + math.copysign(seen - abs(fold), fold or 1.0)
+        said += f": the mains' {mains[0]:.0f} Hz."
+    else:
+        name, true_hz = "link.aliasing", rate_hz - seen
+        others = ", ".join(f"{f:.5g}" for f in (rate_hz - seen, rate_hz + seen, 2.0 * rate_hz - seen))
+        said += f": true frequencies that fold there are {others} Hz and so on."
+    return TimingFinding(
+        name,
+        (line.sensor,),
+        "frequency_hz",
+        true_hz,
+        line.frequency_uncertainty_hz,
+        "Hz",
+        line.log_ratio,
+        said,
+        tuple(
+            (f"amplitude_si_{AXES[axis]}", line.amplitude_si[axis], line.amplitude_uncertainty_si[axis], unit)
+            for axis in line.axes
+        ),
+        tuple(f"{line.sensor}_{AXES[axis]}" for axis in line.axes),
+    )
