@@ -20,6 +20,9 @@ from protocol.errors import CalibrationError, Fault
 BLOCKS = 32
 MIN_BLOCK = 4
 DRIFT_ROUNDS = 4
+MAX_DRIFT = 5e-3
+"""Of the clocks against each other: a hundred times a crystal's; looked for before phases are unwrapped."""
+COARSE_SAMPLES = 2000
 MIN_RATE_SPREAD = 0.2
 """Spin rates closer than this part of the largest tell latency from mounting too badly."""
 
@@ -150,13 +153,15 @@ def roll_latency(spins: Sequence[Spin]) -> RollLatency:
 
 def _with_drift(spins: Sequence[Spin]) -> RollLatency:
     """By the means of blocks of each spin; their scatter about the fit is that spin's."""
+    coarse = _coarse_drift(spins)
     rows: list[FloatArray] = []
     phases: list[FloatArray] = []
     for spin in spins:
-        error = roll_error(spin.roll_rad, spin.reference_rad)
-        rest = np.angle(np.exp(1j * (spin.roll_rad - spin.reference_rad - error.mean)))
-        whole = len(rest) // BLOCKS * BLOCKS
         assert spin.time_s is not None
+        roll = spin.roll_rad + spin.rate_rad_s * coarse * spin.time_s
+        error = roll_error(roll, spin.reference_rad)
+        rest = np.angle(np.exp(1j * (roll - spin.reference_rad - error.mean)))
+        whole = len(rest) // BLOCKS * BLOCKS
         times = np.asarray(spin.time_s, dtype=np.float64)[:whole].reshape(BLOCKS, -1).mean(axis=1)
         phases.append(error.mean + rest[:whole].reshape(BLOCKS, -1).mean(axis=1))
         rate = np.full(BLOCKS, -spin.rate_rad_s)
@@ -176,9 +181,31 @@ def _with_drift(spins: Sequence[Spin]) -> RollLatency:
     residual = np.array(
         [float(phase.mean() - (row @ solution).mean()) for row, phase in zip(rows, phases, strict=True)]
     )
-    drift = float(solution[2]), float(np.sqrt(inverse[2, 2]))
+    drift = coarse + float(solution[2]), float(np.sqrt(inverse[2, 2]))
     covariance = np.asarray(inverse[:2, :2], dtype=np.float64)
     return RollLatency(float(solution[0]), float(solution[1]), covariance, residual, drift)
+
+
+def _coarse_drift(spins: Sequence[Spin]) -> float:
+    """The drift that leaves each spin's phase steadiest: a clock far off turns it round and round."""
+    errors: list[FloatArray] = []
+    advances: list[FloatArray] = []
+    for spin in spins:
+        assert spin.time_s is not None
+        some = np.linspace(0, len(spin.time_s) - 1, min(len(spin.time_s), COARSE_SAMPLES)).astype(np.intp)
+        errors.append((spin.roll_rad - spin.reference_rad)[some])
+        advances.append(spin.rate_rad_s * spin.time_s[some])
+    longest = max(float(np.ptp(advance)) for advance in advances)
+    steps = max(int(np.ceil(MAX_DRIFT * longest / 0.5)), 1)
+    drifts = MAX_DRIFT * np.arange(-steps, steps + 1) / steps
+    steadiness = [
+        sum(
+            float(np.abs(np.exp(1j * (error + advance * drift)).mean()))
+            for error, advance in zip(errors, advances, strict=True)
+        )
+        for drift in drifts
+    ]
+    return float(drifts[int(np.argmax(steadiness))])
 
 
 def roll_of_latency_rad(latency_s: float, rate_rad_s: float) -> float:
