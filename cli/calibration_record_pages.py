@@ -10,7 +10,7 @@ from calibration.records.comparing import RecordComparison
 from calibration.records.history import QuantityHistory
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import RecordedBudget, StandReference, TemperatureSpan
-from cli.uncertain_numbers import gum, two_digits
+from cli.uncertain_numbers import gum, plain, two_digits
 from protocol.language import say, translated
 
 UNKNOWN = "–"
@@ -52,11 +52,11 @@ def _values(record: CalibrationRecord) -> Table:
     for heading in ("Quantity", "Symbol", "Value", "U", "k", "Degrees of freedom", "Unit"):
         table.add_column(say(heading), overflow="fold")
     for one in record.quantities:
-        value = f"{one.value:.6g}"
+        value = plain(one.value, 6)
         if one.standard_uncertainty is not None:
             value = gum(one.value, one.standard_uncertainty)
         if one.interval is not None:
-            value += f" [{one.interval.lower:.6g} … {one.interval.upper:.6g}]"
+            value += f" [{plain(one.interval.lower, 6)} … {plain(one.interval.upper, 6)}]"
         expanded = one.expanded_uncertainty
         table.add_row(
             one.name,
@@ -153,8 +153,8 @@ def show_comparison(
     for one in found.quantities:
         table.add_row(
             one.name,
-            f"{one.first:.6g}",
-            f"{one.second:.6g}",
+            plain(one.first, 6),
+            plain(one.second, 6),
             gum(one.difference, one.standard_uncertainty),
             f"{one.zeta:+.2f}",
             f"{one.normalised_error:+.2f}",

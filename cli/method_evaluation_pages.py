@@ -7,7 +7,7 @@ from rich.table import Table
 
 from calibration.evaluations.method_evaluation import MethodEvaluation, SensorResult
 from calibration.records.record_parts import CalibratedQuantity
-from cli.uncertain_numbers import gum
+from cli.uncertain_numbers import gum, plain
 from protocol.language import say, translated
 
 PROFILE_WORDS = {
@@ -56,15 +56,17 @@ def _table(result: SensorResult, results: int) -> Table:
     if result.beside:
         table.add_section()
     for figure in result.beside:
-        value = say("not defined here") if figure.value is None else f"{figure.value:.5g}"
+        value = say("not defined here") if figure.value is None else plain(figure.value, 5)
         table.add_row(translated(figure.name), "", value, figure.unit)
     return table
 
 
 def _value(one: CalibratedQuantity) -> str:
-    bounds = "" if one.interval is None else f" [{one.interval.lower:.4g} … {one.interval.upper:.4g}]"
+    bounds = (
+        "" if one.interval is None else f" [{plain(one.interval.lower, 4)} … {plain(one.interval.upper, 4)}]"
+    )
     if one.standard_uncertainty is None:
-        return f"{one.value:.3g}, " + say("not determined") + bounds
+        return plain(one.value, 3) + ", " + say("not determined") + bounds
     return gum(one.value, one.standard_uncertainty) + bounds
 
 

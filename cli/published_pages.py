@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calibration.published import ComparedReference, Comparison
-from cli.uncertain_numbers import gum
+from cli.uncertain_numbers import gum, plain
 from protocol.language import say, translated
 
 
@@ -24,12 +24,13 @@ def show_reference(console: Console, reference: ComparedReference | None) -> Non
     )
     headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
     for heading in headings:
-        table.add_column(say(heading), overflow="fold")
+        # a number that is broken over two lines is read wrongly
+        table.add_column(say(heading), overflow="fold", no_wrap=heading == "Published")
     for item in reference.comparisons:
         table.add_row(
             item.name,
             gum(item.value, item.standard_uncertainty),
-            f"{item.published:.6g}",
+            plain(item.published, 6),
             f"{item.difference:+.1e}",
             "" if item.percent is None else f"{item.percent:+.3f}",
             f"{item.normalised_error:+.2f}",

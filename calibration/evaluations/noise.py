@@ -29,7 +29,7 @@ from calibration.evaluations.method_evaluation import (
     sample_period_s,
     stream_with,
 )
-from calibration.records.method_contents import allan_content
+from calibration.records.method_contents import ALLAN_TERMS, allan_content
 from calibration.records.record_parts import RecordTable, TableColumn
 from protocol.errors import CalibrationError
 from protocol.language import say
@@ -174,7 +174,7 @@ def _by_wavelet(fit: AllanFit | None, unit: str) -> tuple[Beside, ...]:
         say("bias instability by wavelet variance"),
         say("rate random walk by wavelet variance"),
     )
-    units = (f"{unit} s", f"{unit} sqrt(s)", unit, f"{unit}/sqrt(s)")
+    units = [of_term for _, of_term in ALLAN_TERMS[unit]]
     return tuple(
         Beside(word, getattr(fit.model, term) if fit.determined(term) else None, of_term)
         for word, term, of_term in zip(words, TERMS, units, strict=False)

@@ -33,7 +33,7 @@ SLOPE_UNIT = "V/(rad/s)"
 QUADRATIC_UNIT = "1/(m/s^2)"
 G_SENSITIVITY_UNIT = "rad/s/(m/s^2)"
 _SPELLED = {"s^2/m": QUADRATIC_UNIT}
-_ALLAN: dict[str, tuple[tuple[str, str], ...]] = {
+ALLAN_TERMS: dict[str, tuple[tuple[str, str], ...]] = {
     "rad/s": (
         ("quantization", "rad"),
         ("angle_random_walk", "rad/sqrt(s)"),
@@ -230,7 +230,7 @@ def allan_content(fit: AllanFit, unit: str) -> RecordContent:
     terms = ("quantization", "random_walk", "bias_instability", "rate_random_walk", "rate_ramp")
     quantities: list[CalibratedQuantity] = []
     known: list[int] = []
-    for index, (term, (name, unit_of_term)) in enumerate(zip(terms, _ALLAN[unit], strict=True)):
+    for index, (term, (name, unit_of_term)) in enumerate(zip(terms, ALLAN_TERMS[unit], strict=True)):
         if fit.covariance[index, index] == 0.0:
             continue  # not asked for
         value = math.sqrt(float(fit.squares[index]))
@@ -246,7 +246,7 @@ def allan_content(fit: AllanFit, unit: str) -> RecordContent:
     if known:
         twice = 2.0 * np.sqrt(fit.squares[known])
         block = fit.covariance[np.ix_(known, known)] / np.outer(twice, twice)
-        covariance = (covariance_block([_ALLAN[unit][k][0] for k in known], block),)
+        covariance = (covariance_block([ALLAN_TERMS[unit][k][0] for k in known], block),)
     return RecordContent(
         method="allan_variance",
         model=Model(

@@ -170,7 +170,10 @@ def test_one_bad_recording_does_not_hide_the_others(synthetic_imu, tmp_path: Pat
 def test_uncertainty_is_printed_with_two_digits_and_the_value_to_the_same_place(
     value: float, u: float
 ) -> None:
-    printed_value, printed_u = gum(value, u).split(" ± ")
+    numbers, _, power = gum(value, u).removeprefix("(").partition(")e")
+    printed_value, printed_u = numbers.split(" ± ")
+    value, u = value / 10.0 ** int(power or 0), u / 10.0 ** int(power or 0)
+    assert not power or max(abs(value), u) < 1000.0
     assert float(printed_u) == pytest.approx(u, rel=0.051)
     assert len(printed_u.replace(".", "").lstrip("0").rstrip("0") or "0") <= max(2, len(str(int(u))))
     assert abs(float(printed_value) - value) <= u * 0.051 + abs(value) * 1e-15
@@ -182,3 +185,5 @@ def test_gum_examples() -> None:
     assert gum(-0.5, 0.0999) == "-0.50 ± 0.10"
     assert gum(1234.5, 120.0) == "1230 ± 120"
     assert gum(0.25, 0.0) == "0.25"
+    assert gum(-2.3681e-6, 1.04e-8) == "(-2.368 ± 0.010)e-06"
+    assert gum(1.2e-7, 1.94e-6) == "(0.1 ± 1.9)e-06"
