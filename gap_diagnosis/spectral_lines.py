@@ -19,6 +19,8 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from dut_emulator.effects.effect import SI_UNIT
 from gap_diagnosis.line_residuals import LineResiduals, line_residuals
 from gap_diagnosis.line_search import Line, LineSearch
@@ -40,9 +42,14 @@ def without_lines(observations: Sequence[Observation]) -> tuple[list[Observation
     expected_hz = [abs(f - rate_hz * round(f / rate_hz)) for f in MAINS_HZ]
     search = LineSearch([part for part in parts if part is not None], period_s, expected_hz)
     lines = list(search.lines())
-    findings = tuple(finding_of(line, period_s) for line in _merged(lines))
+    merged = _merged(lines)
+    alone = [
+        not any(other.sensor != line.sensor and _same_frequency(other, line) for other in merged)
+        for line in merged
+    ]
+    findings = [finding_of(line, period_s, mag_alone) for line, mag_alone in zip(merged, alone, strict=True)]
     return [
-        one if part is None else _with(one, part, findings)
+        one if part is None else _with(one, part, findings, merged)
         for one, part in zip(observations, parts, strict=True)
     ], lines
 
@@ -74,13 +81,42 @@ def _same_rate(one: Observation, other: Observation) -> bool:
     return abs(one.sample_period_s / other.sample_period_s - 1.0) < SAME_RATE
 
 
-def _with(one: Observation, part: LineResiduals, findings: tuple[TimingFinding, ...]) -> Observation:
+def _with(
+    one: Observation, part: LineResiduals, findings: Sequence[TimingFinding], lines: Sequence[Line]
+) -> Observation:
+    """Without its lines, and with their findings: amplitudes as the recording's own clock has the phase."""
     outputs = dict(one.outputs)
     for (sensor, axis), tone in part.removed.items():
         values = outputs[sensor].values_si.copy()
         values[:, axis] -= tone
         outputs[sensor] = dataclasses.replace(outputs[sensor], values_si=values)
-    return dataclasses.replace(one, outputs=outputs, timing=(*one.timing, *findings))
+    own = tuple(
+        dataclasses.replace(finding, more=_waves(part, line, finding.value))
+        for finding, line in zip(findings, lines, strict=True)
+        if any((line.sensor, axis) in part.removed for axis in line.axes)
+    )
+    return dataclasses.replace(one, outputs=outputs, timing=(*one.timing, *own))
+
+
+def _waves(part: LineResiduals, line: Line, true_hz: float) -> tuple[tuple[str, float, float, str], ...]:
+    """Cosine and sine of the true frequency, of each axis, as the catalogue has them."""
+    phase = 2.0 * np.pi * true_hz * part.time_s
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    found: list[tuple[str, float, float, str]] = []
+    for axis in line.axes:
+        tone = part.removed.get((line.sensor, axis))
+        if tone is None:
+            continue
+        cosine, sine = np.linalg.lstsq(waves, tone, rcond=None)[0].tolist()
+        uncertainty, unit = line.amplitude_uncertainty_si[axis], SI_UNIT[line.sensor]
+        found.append((f"cosine_si_{AXES[axis]}", cosine, uncertainty, unit))
+        found.append((f"sine_si_{AXES[axis]}", sine, uncertainty, unit))
+    return tuple(found)
+
+
+def _same_frequency(one: Line, other: Line) -> bool:
+    apart = abs(one.frequency_hz - other.frequency_hz)
+    return apart < 5.0 * math.hypot(one.frequency_uncertainty_hz, other.frequency_uncertainty_hz)
 
 
 def _merged(lines: Sequence[Line]) -> list[Line]:
@@ -91,9 +127,7 @@ def _merged(lines: Sequence[Line]) -> list[Line]:
             (
                 n
                 for n, other in enumerate(found)
-                if other.sensor == line.sensor
-                and abs(other.frequency_hz - line.frequency_hz)
-                < 5.0 * math.hypot(other.frequency_uncertainty_hz, line.frequency_uncertainty_hz)
+                if other.sensor == line.sensor and _same_frequency(other, line)
             ),
             None,
         )
@@ -112,8 +146,11 @@ def _merged(lines: Sequence[Line]) -> list[Line]:
     return found
 
 
-def finding_of(line: Line, period_s: float) -> TimingFinding:
-    """The line by the catalogue's name: mains in a magnetometer alone, else a vibration that folded down."""
+def finding_of(line: Line, period_s: float, is_alone: bool) -> TimingFinding:
+    """The line by the catalogue's name: mains in a magnetometer alone, else a vibration that folded down.
+
+    Its true frequency is not to be told from samples; the lowest beyond half the sampling rate is given.
+    """
     channels = ", ".join(f"{line.sensor}_{AXES[axis]}" for axis in line.axes)
     rate_hz = 1.0 / period_s
     seen = line.frequency_hz
@@ -122,7 +159,7 @@ def finding_of(line: Line, period_s: float) -> TimingFinding:
     unit = SI_UNIT[line.sensor]
     size = max(line.amplitude_si)
     said = f"A line at {seen:.5g} Hz on {channels}, of {size:.3g} {unit}"
-    if line.sensor == "mag" and mains:
+    if line.sensor == "mag" and mains and is_alone:
         fold = mains[0] - rate_hz * round(mains[0] / rate_hz)
         name, true_hz = "mag.mains_interference", mains[0] + math.copysign(seen - abs(fold), fold or 1.0)
         said += f": the mains' {mains[0]:.0f} Hz."
@@ -139,9 +176,5 @@ def finding_of(line: Line, period_s: float) -> TimingFinding:
         "Hz",
         line.log_ratio,
         said,
-        tuple(
-            (f"amplitude_si_{AXES[axis]}", line.amplitude_si[axis], line.amplitude_uncertainty_si[axis], unit)
-            for axis in line.axes
-        ),
-        tuple(f"{line.sensor}_{AXES[axis]}" for axis in line.axes),
+        channels=tuple(f"{line.sensor}_{AXES[axis]}" for axis in line.axes),
     )
