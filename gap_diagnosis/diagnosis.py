@@ -117,16 +117,7 @@ def diagnose_observations(
     located = localise(prepared, systems, scanned)
     progress("which", 0.6)
     noises = _noises(systems, without)
-    found = search(systems, prepared.design, noises)
-    searched = prepared
-    for _ in range(SHARPENINGS):
-        sharper = _sharper_trials(observations, searched, found)
-        if not sharper:
-            break
-        every = [*searched.design.trials, *sharper]
-        searched = visible_only(prepare(observations, every, 0, rng, cells=False, known_noise=prepared.noise))
-        systems = searched.systems()
-        found = search(systems, searched.design, noises)
+    searched, systems, found = _searched(observations, prepared, systems, noises, rng)
     best = next((one for one in found.sets if one.causes), None)
     fit = held = None
     left: Remainder | None = None
@@ -152,9 +143,31 @@ def diagnose_observations(
         left.located if left else None,
         timing,
         without,
+        rivals=left.rivals if left else (),
         oddities=oddities_of(observations, without),
     )
     return with_next_test(report_of(findings), observations, searched, found, attribution)
+
+
+def _searched(
+    observations: Sequence[Observation],
+    prepared: Prepared,
+    systems: dict[Channel, ChannelSystem],
+    noises: Sequence[SlowExcess],
+    rng: np.random.Generator,
+) -> tuple[Prepared, dict[Channel, ChannelSystem], Search]:
+    """The search, again with shapes between those of the grid where the best set has clear ones."""
+    searched = prepared
+    found = search(systems, prepared.design, noises)
+    for _ in range(SHARPENINGS):
+        sharper = _sharper_trials(observations, searched, found)
+        if not sharper:
+            break
+        every = [*searched.design.trials, *sharper]
+        searched = visible_only(prepare(observations, every, 0, rng, cells=False, known_noise=prepared.noise))
+        systems = searched.systems()
+        found = search(systems, searched.design, noises)
+    return searched, systems, found
 
 
 def _sharper_trials(observations: Sequence[Observation], searched: Prepared, found: Search) -> list[Trial]:

@@ -8,11 +8,11 @@ templates. A family's p is its rank among its own nulls; the p of the whole is t
 tail of a cell's own distribution is used, times the number of cells.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc
+from scipy.special import gammaincc  # pyright: ignore[reportMissingTypeStubs]
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.design import NUISANCES, CellGroup
@@ -87,11 +87,9 @@ def localise(
         "noise": noise_statistics.max(axis=0) if len(noise_statistics) else np.zeros_like(templates),
         "effects": templates,
     }
-    nulls = len(templates) - 1
-    ranks = {name: _ranks(values) for name, values in families.items()}
-    smallest = np.min(np.array(list(ranks.values())), axis=0)
-    p = float((1 + np.count_nonzero(smallest[1:] <= smallest[0])) / (nulls + 1))
-    beyond = p <= 1.0 / (nulls + 1)
+    ranks = {name: ranks_of(values) for name, values in families.items()}
+    p = smallest_rank_p(list(ranks.values()))
+    beyond = any(float(r[0]) <= 1.0 / len(r) for r in ranks.values())
     if beyond:  # a tail: Bonferroni over cells, or the evidence itself (Markov: p ≤ 1 / B)
         tail = min(
             len(statistics) * 10.0 ** -float(families["cells"][0]),
@@ -109,20 +107,27 @@ def localise(
     )
 
 
-def _ranks(values: FloatArray) -> FloatArray:
-    """p of each among the nulls (columns from 1); the data among the nulls and itself."""
-    nulls = np.sort(values[1:])
-    above = len(nulls) - np.searchsorted(nulls, values, side="left")
-    ranks = above / len(nulls)
-    ranks[0] = (1 + above[0]) / (len(nulls) + 1)
-    return ranks
+def ranks_of(values: FloatArray) -> FloatArray:
+    """(j,) share of all columns, data and nulls alike, that are at least as large as each."""
+    return (len(values) - np.searchsorted(np.sort(values), values, side="left")) / len(values)
+
+
+def smallest_rank_p(ranks: Sequence[FloatArray]) -> float:
+    """p of the data (column 0) by the smallest of its families' ranks.
+
+    Data and nulls are ranked together: only so are they exchangeable where there is no gap, and p is exact.
+    """
+    smallest = np.min(np.array(ranks), axis=0)
+    return float(np.mean(smallest <= smallest[0]))
 
 
 def _minus_log10_p(square: FloatArray, freedom: int) -> FloatArray:
     """−log10 of the chance of a chi square as large."""
-    p = np.asarray(gammaincc(0.5 * freedom, 0.5 * np.maximum(square, 0.0)))
+    p: FloatArray = gammaincc(0.5 * freedom, 0.5 * np.maximum(square, 0.0))
     far = 0.5 * np.maximum(square, 0.0) / np.log(10.0) - 0.5 * freedom  # where p is nought to the computer
-    return np.where(p > SMALLEST_P, -np.log10(np.maximum(p, SMALLEST_P)), far)
+    return np.where(
+        p > SMALLEST_P, -np.log10(np.maximum(p, SMALLEST_P)), np.maximum(far, -np.log10(SMALLEST_P))
+    )
 
 
 _Cell = tuple[CellFinding, float]
