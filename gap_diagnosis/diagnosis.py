@@ -28,11 +28,13 @@ from gap_diagnosis.observing import observe
 from gap_diagnosis.outcome import Findings, report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.proposal import with_next_test
+from gap_diagnosis.reference_noise import claimable, delays_beside, reference_noted
 from gap_diagnosis.report import GapReport
 from gap_diagnosis.rivals import Rival, rivals_of_noise
 from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
 from gap_diagnosis.spectral_lines import lines_taken_off
 from gap_diagnosis.stillness import stilled
+from gap_diagnosis.switched_field import switched_trials
 from gap_diagnosis.together import check_together
 from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
@@ -89,7 +91,7 @@ def diagnose(
     for number, recording in enumerate(recordings):
         progress("reading", 0.2 * number / len(recordings))
         observed.append(stilled(observe(recording)))
-    observations = [decimated(one) for one in lines_taken_off(observed)]
+    observations = [reference_noted(decimated(one)) for one in lines_taken_off(observed)]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
 
@@ -102,7 +104,9 @@ def diagnose_observations(
     """The same, from observations."""
     rng = np.random.Generator(np.random.PCG64(SEED))
     progress("columns", 0.2)
-    trials = trials_for(observations, without)
+    offered = [*trials_for(observations, without), *switched_trials(observations, without)]
+    trials = claimable(offered, observations)
+    beside_reference = len(trials) < len(offered)
     prepared = visible_only(prepare(observations, trials, nulls, rng))
     if not prepared.moments:
         raise TestloomError(
@@ -116,7 +120,7 @@ def diagnose_observations(
     scanned = scan(systems, prepared.design, data_only=False)
     located = localise(prepared, systems, scanned)
     progress("which", 0.6)
-    noises = _noises(systems, without)
+    noises = [] if beside_reference else _noises(systems, without)
     searched, systems, found = _searched(observations, prepared, systems, noises, rng)
     best = next((one for one in found.sets if one.causes), None)
     fit = held = None
@@ -128,10 +132,11 @@ def diagnose_observations(
         if fit is not None:
             progress("held out", 0.8)
             held = hold_out(fit, noisy)
-        progress("what is left", 0.9)
-        left = remainder(observations, prepared, fit, best.causes, nulls, rng)
+        if not beside_reference:  # else what is left is the reference's
+            progress("what is left", 0.9)
+            left = remainder(observations, prepared, fit, best.causes, nulls, rng)
     attribution = attribute(found, systems, searched.design, fit)
-    timing = certain_findings(observations, without)
+    timing = (*certain_findings(observations, without), *delays_beside(observations, without))
     progress("report", 0.95)
     findings = Findings(
         prepared,

@@ -81,7 +81,10 @@ def localise(
     """Test everything against the nulls that `systems` carry; `white`: the level of the white noise too."""
     statistics, cells = _cell_statistics(prepared, systems)
     noise_statistics, noises = _noise_statistics(prepared, systems, white=white)
-    templates = log_mean_exp(np.array(list(scanned.log_bayes_factor.values())), 0)
+    weighed = list(scanned.log_bayes_factor.values()) or [
+        np.zeros(next(iter(systems.values())).cross.shape[-1])
+    ]
+    templates = log_mean_exp(np.array(weighed), 0)
     families = {
         "cells": statistics.max(axis=0) if len(statistics) else np.zeros_like(templates),
         "noise": noise_statistics.max(axis=0) if len(noise_statistics) else np.zeros_like(templates),

@@ -132,6 +132,8 @@ def _verdict(
     probability = found.attribution.probability
     if best is None or (found.search.sets and not found.search.sets[0].causes):
         named = [claim.name for claim in noises] + [finding.effect for finding in found.timing]
+        if any(_alike(finding) for finding in found.timing):
+            return "confusable", None
         return ("attributed", None) if named else ("unattributed", _describe(found.located))
     if found.rivals:
         rival = found.rivals[0]
@@ -153,7 +155,7 @@ def _verdict(
         share = 100.0 * shrinkage.fraction_closed
         return "unattributed", f"the best set closes {share:.0f} % of the gap on held-out data"
     if probability >= NAMED_PROBABILITY:
-        return "attributed", None
+        return ("confusable" if any(_alike(one) for one in found.timing) else "attributed"), None
     if found.attribution.class_probability >= NAMED_PROBABILITY:
         return "confusable", None
     return "unattributed", "no set of effects is likely enough"
@@ -161,6 +163,12 @@ def _verdict(
 
 def _certain_oddities(found: Findings) -> list[Oddity]:
     return [one for one in found.oddities if one.is_certain]
+
+
+def _alike(finding: TimingFinding) -> list[str]:
+    """A filter's lag delays as a link does."""
+    lags = [f"{sensor}.bandwidth" for sensor in finding.sensors if sensor != "mag"]
+    return lags if finding.effect == "link.fixed_delay" else []
 
 
 def _describe(located: Localisation) -> str:
@@ -359,7 +367,7 @@ def _which(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]
                         *finding.more,
                     )
                 },
-                "confusable_with": [],
+                "confusable_with": _alike(finding),
                 "sensor": finding.sensors[0] if finding.sensors else None,
             }
         )

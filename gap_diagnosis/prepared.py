@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial
-from gap_diagnosis.design import INPUT_SCALE, NUISANCES, Design, designed
+from gap_diagnosis.design import INPUT_SCALE, NUISANCES, ChannelDesign, Design, designed
 from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, shapes_for, white_noise_of_rows
 from gap_diagnosis.observation import Channel, NoiseBelief, Observation
+from gap_diagnosis.reference_noise import is_reference, reference_density
 from gap_diagnosis.whitened import ChannelSystem, NullNoise, RecordingMoments, channel_system, moments
 
 SMALLEST_WHITE = 1e-12
@@ -106,7 +107,10 @@ def prepare(
             for i, rows in part.rows.items()
         }
         if known_noise is None:
-            quiet = {i: _recalibrated(residual, part.matrices[i]) for i, residual in residuals.items()}
+            quiet = {
+                i: _recalibrated(residual, _with_delay(observations[i], channel, part, i))
+                for i, residual in residuals.items()
+            }
             noise[channel] = _noise_of(
                 observations, channel, quiet, part.rows, longest_s, common[channel.sensor], rng
             )
@@ -126,9 +130,19 @@ def prepare(
     return Prepared(tuple(observations), design, noise, statistics)
 
 
+def _with_delay(one: Observation, channel: Channel, part: ChannelDesign, recording: int) -> FloatArray:
+    """(n, k) bias and matrix; beside a reference the motion's slope too, as a delay is no noise."""
+    nuisances = part.matrices[recording][:, :NUISANCES]
+    if not is_reference(one):
+        return nuisances
+    predicted = one.outputs[channel.sensor].predicted_si[part.rows[recording], channel.axis]
+    slope = np.gradient(predicted)
+    return np.column_stack([nuisances, slope / max(float(np.abs(slope).max()), 1e-300)])
+
+
 def _recalibrated(residual: FloatArray, matrix: FloatArray) -> FloatArray:
-    """What bias and matrix leave, by plain least squares: enough to see the white noise."""
-    nuisances = matrix[:, :NUISANCES]
+    """What nuisances (n, k) leave, by plain least squares: enough to see the white noise."""
+    nuisances = matrix
     gram = nuisances.T @ nuisances
     gram[np.diag_indices_from(gram)] += 1e-9 * (1.0 + np.diag(gram))
     return residual - nuisances @ np.linalg.solve(gram, nuisances.T @ residual)
@@ -155,12 +169,16 @@ def _noise_of(
     belief = output.noise
     periods = {i: observations[i].stimulus.sample_period_s for i in residuals}
     found = {i: white_noise_of_rows(residual) for i, residual in residuals.items()}
+    by_reference = [i for i in residuals if is_reference(observations[i])]
+    for i in by_reference:
+        told = reference_density(residuals[i], observations[i].piece[rows[i]], periods[i])
+        found[i] = max(found[i], told / math.sqrt(periods[i]))
     total = sum(len(residual) for residual in residuals.values())
     density = math.sqrt(sum(found[i] ** 2 * periods[i] * len(r) for i, r in residuals.items()) / total)
     density = max(density, SMALLEST_WHITE)
     white = {i: density / math.sqrt(period) for i, period in periods.items()}
     ratio = None
-    if belief.white_si_per_sqrt_hz:
+    if belief.white_si_per_sqrt_hz and not by_reference:
         period = observations[first].sample_period_s
         rounding = output.quantum_si**2 / 12.0 * period
         ratio = 0.5 * math.log(max(density**2 - rounding, 1e-4 * density**2) / belief.white_si_per_sqrt_hz**2)
