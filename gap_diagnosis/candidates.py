@@ -44,6 +44,7 @@ DRIFT = 2e-5
 WOBBLE_HARMONICS = (1.0, 2.0)
 FIELD_HARMONICS = (1.0, 2.0, 3.0)
 RIPPLE_HARMONICS = tuple(float(n) for n in (*range(1, 25), 28, 30, 32, 36, 40, 48, 60, 64, 72, 90, 120, 180))
+SATURATION_SHARES = (0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.975, 0.985, 0.992, 0.997)
 LEAST_TURN_RAD = 0.3
 TINY = 1e-9
 
@@ -75,7 +76,7 @@ class Excitation:
     rates_si: FloatArray
     force_range_si: float
     turned: tuple[bool, bool, bool]
-    largest_si: Mapping[SensorName, float]
+    largest_input_si: Mapping[SensorName, float]
 
 
 def excitation_of(observations: Sequence[Observation]) -> Excitation:
@@ -96,10 +97,9 @@ def excitation_of(observations: Sequence[Observation]) -> Excitation:
     largest: dict[SensorName, float] = {}
     for one in observations:
         for sensor in one.outputs:
-            output = one.outputs[sensor]
-            values = output.values_si[np.isfinite(output.values_si)]
-            if len(values):
-                largest[sensor] = max(largest.get(sensor, 0.0), float(np.abs(values).max()))
+            predicted = np.abs(one.outputs[sensor].predicted_si)
+            if np.isfinite(predicted).any():
+                largest[sensor] = max(largest.get(sensor, 0.0), float(np.nanmax(predicted)))
     return Excitation(
         longest_on_s=max(float(s.time_s[-1] - s.power_on_s) for s in stimuli),
         longest_s=max(float(s.time_s[-1] - s.time_s[0]) for s in stimuli),
@@ -111,7 +111,7 @@ def excitation_of(observations: Sequence[Observation]) -> Excitation:
         turned=cast(
             "tuple[bool, bool, bool]", tuple(bool(x) for x in np.max(spans, axis=0) > LEAST_TURN_RAD)
         ),
-        largest_si=largest,
+        largest_input_si=largest,
     )
 
 
@@ -180,9 +180,10 @@ def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterato
     elif word == "clock_drift":
         yield {"relative_rate": DRIFT}
     elif word == "saturation":
-        for sensor, largest in seen.largest_si.items():
-            if name == f"{sensor}.saturation" and largest > 0.0:
-                yield {"range_si": 0.999 * largest}
+        largest = seen.largest_input_si.get(cast("SensorName", name.split(".")[0]), 0.0)
+        if largest > 0.0:
+            for share in SATURATION_SHARES:
+                yield {"range_si": share * largest}
     elif word == "chamber_lag":
         for tau in CHAMBER_LAGS_S:
             yield {"time_constant_s": tau}
@@ -221,7 +222,12 @@ def regressors(effect: CatalogueEffect, stimulus: Stimulus) -> dict[str, FloatAr
 
 def has_shape(trial: Trial) -> bool:
     """Whether the trial's effects have a number that a search must find: a held one, or a curve's place."""
-    return any(type(e).scanned or not isinstance(e, LinearEffect) for e in trial.effects)
+    return any(type(e).scanned or is_curve(e) for e in trial.effects)
+
+
+def is_curve(effect: CatalogueEffect) -> bool:
+    """Whether the effect's free scalar bends what it does, so that a fit is repeated at its value."""
+    return not isinstance(effect, LinearEffect) and effect.word != "saturation"
 
 
 def is_neighbour(trial: Trial, other: Trial) -> bool:

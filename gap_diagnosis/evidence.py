@@ -23,7 +23,7 @@ from gap_diagnosis.whitened import ChannelSystem
 SIGNALS = np.geomspace(2.0, 200.0, 12)
 """Whitened signal-to-noise ratios d that the prior holds equally likely."""
 STEPS_OF_DATA, STEPS_OF_NULLS = 5, 1
-RIDGE = 1e-7
+RIDGE = 1e-5
 """Share of a column's own square: keeps columns that the nuisances take whole from dividing by nought."""
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dut_emulator.effects.catalogue_effect import CatalogueEffect, LinearEffect
+from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray
 from dut_emulator.effects.parameters import scalars, with_values
-from gap_diagnosis.candidates import Trial, refined_trials
+from gap_diagnosis.candidates import Trial, is_curve, refined_trials
 from gap_diagnosis.design import NUISANCES, Design
 from gap_diagnosis.evidence import STEPS_OF_DATA, Terms, profile
 from gap_diagnosis.observation import Channel, Observation
@@ -105,7 +105,7 @@ def _refined(
     current: JointFit,
 ) -> tuple[list[Trial], JointFit]:
     """One effect's held parameters by steps that shrink; or, where it is not linear, relinearised."""
-    if not isinstance(trials[number].effects[0], LinearEffect):
+    if is_curve(trials[number].effects[0]):
         for _ in range(RELINEARISATIONS):
             moved = _relinearised(trials[number], current)
             if moved is None:

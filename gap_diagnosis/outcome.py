@@ -149,7 +149,7 @@ def _verdict(
             return "unattributed", f"{', '.join(idle)} gains nothing on held-out data"
     if (
         shrinkage is not None
-        and shrinkage.fraction_closed < CLOSED_SHARE
+        and shrinkage.interval_95[1] < CLOSED_SHARE
         and len(best.causes) == len(deterministic)
     ):
         share = 100.0 * shrinkage.fraction_closed
