@@ -16,9 +16,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, brentq, least_squares
 
 from calibration.algorithms.coefficients import FloatArray
+from calibration.algorithms.coloured_residuals import weigh_colours
 from calibration.algorithms.uncertainty_budget import t_inflation
 from protocol.errors import CalibrationError, Fault
 
@@ -32,6 +34,8 @@ SETTLED_PART = 0.05
 """A warm-up is near steady when this part of the rise is still missing."""
 BOUNDARY_SIGMAS = 2.0
 _LOG_STEP = 1e-4
+NO_NOISE_K = 1e-6
+"""Residuals below this are rounding, not noise whose memory could be told."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +204,7 @@ def fit_thermal_network(
     """Fit C and G (and the first temperatures) to all warm-ups at once.
 
     Args:
-        warm_ups: with n nodes each; noise is taken as white and alike on all sensors.
+        warm_ups: with n nodes each; noise is taken as alike on all sensors, white or with a memory.
         nodes: names, n.
         edges: pairs of names; every node must reach `AMBIENT`.
 
@@ -231,10 +235,27 @@ def fit_thermal_network(
     scatter = math.sqrt(2.0 * float(best.cost) / dof)
     covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-14)[:count, :count]
     log_covariance = np.asarray(covariance * (scatter * t_inflation(dof)) ** 2, dtype=np.float64)
+    found = np.asarray(best.x, dtype=np.float64)[:count]
     names = [f"capacity of {node}" for node in nodes] + [f"conductance {a} - {b}" for a, b in edges]
     _refuse_untold(jacobian, log_covariance, names)
-    capacity, conductance = np.split(np.exp(np.asarray(best.x, dtype=np.float64)[:count]), [len(nodes)])
+    if scatter > NO_NOISE_K:
+        step, weighed = weigh_colours(jacobian, -residual(best.x), _series(warm_ups))
+        found, log_covariance = found + step[:count], weighed[:count, :count]
+        _refuse_untold(jacobian, log_covariance, names)
+    capacity, conductance = np.split(np.exp(found), [len(nodes)])
     return ThermalNetwork(tuple(nodes), tuple(edges), capacity, conductance, log_covariance, scatter, dof)
+
+
+def _series(warm_ups: Sequence[WarmUp]) -> list[tuple[NDArray[np.intp], FloatArray]]:
+    """Rows among all temperatures that were seen, and times, of each sensor of each warm-up."""
+    series: list[tuple[NDArray[np.intp], FloatArray]] = []
+    begin = 0
+    for record in warm_ups:
+        seen = np.isfinite(record.temperature_c)
+        place = begin + np.cumsum(seen.ravel()).reshape(seen.shape) - 1
+        series += [(place[column, node], record.time_s[column]) for node, column in enumerate(seen.T)]
+        begin += int(seen.sum())
+    return series
 
 
 def _best_fit(
