@@ -41,6 +41,7 @@ MAX_CHI_SQUARE_SIGMAS = 3.0
 LEVELS, TIMES = 12, 6
 """Of the slow noise, weighed where it is not known."""
 LONGEST_SPANS, WHITE_PRIOR = 16.0, 0.1
+CAUTIOUS_LEAST, CAUTIOUS_WHITE_PRIOR = 2.0, 0.05
 _RELATIVE_FLOOR = 1e-12
 
 
@@ -112,6 +113,8 @@ def fit_correlated(
     where: str,
     known_slow: SlowTerms | None = None,
     systematic: FloatArray | None = None,
+    *,
+    cautious: bool = False,
 ) -> CorrelatedFit:
     """Fit all channels of `blocks` with one design.
 
@@ -123,6 +126,8 @@ def fit_correlated(
         known_slow: see the module.
         systematic: shape (k, s, m) or (k, s, 1): what each of s independent influences adds to the outputs
             when it is off by one standard uncertainty. They widen the covariance and leave the estimate.
+        cautious: where the slow part is not known, weigh only levels of twice the white noise and more, by
+            their root: for terms whose intervals would miss where the data hardly see the slow part.
 
     Raises:
         CalibrationError: too few or too many blocks, values that are not finite, or terms that these data
@@ -141,7 +146,11 @@ def fit_correlated(
     root = np.sqrt(blocks.duration_s)[:, None]
     white_x, white_y = x * root, y * root
     unknown = known_slow is None
-    found = _weighed(white_x, white_y, blocks) if unknown else _stated(white_x, white_y, blocks, known_slow)
+    found = (
+        _weighed(white_x, white_y, blocks, cautious)
+        if unknown
+        else _stated(white_x, white_y, blocks, known_slow)
+    )
     weight = np.exp(found.log_weight - found.log_weight.max(axis=0))
     weight /= weight.sum(axis=0)
     values = np.einsum("hm,hmp->mp", weight, found.values)
@@ -233,19 +242,23 @@ def _stated(x: FloatArray, y: FloatArray, blocks: Blocks, terms: SlowTerms) -> _
     )
 
 
-def _weighed(x: FloatArray, y: FloatArray, blocks: Blocks) -> _Hypotheses:
+def _weighed(x: FloatArray, y: FloatArray, blocks: Blocks, cautious: bool) -> _Hypotheses:
     """White noise alone, and levels and correlation times of a slow part."""
     count = len(x)
     total_s = float(blocks.duration_s.sum())
     span_s = max(float(np.ptp(blocks.middle_s)), total_s)
     times = np.geomspace(2.0 * float(np.median(blocks.duration_s)), LONGEST_SPANS * span_s, TIMES)
     largest = 8.0 * float(count) ** 0.5
-    squared_levels = np.asarray(np.geomspace(0.25, largest, LEVELS) ** 2 / total_s, dtype=np.float64)
-    parts = [_hypotheses(x, y, np.zeros((count, count)), np.zeros(1), WHITE_PRIOR)]
+    least, white_prior = (CAUTIOUS_LEAST, CAUTIOUS_WHITE_PRIOR) if cautious else (0.25, WHITE_PRIOR)
+    levels = np.geomspace(least, largest, LEVELS)
+    squared_levels = np.asarray(levels**2 / total_s, dtype=np.float64)
+    share = np.sqrt(levels) if cautious else np.ones(LEVELS)
+    prior = ((1.0 - white_prior) / TIMES * share / share.sum())[:, None]
+    parts = [_hypotheses(x, y, np.zeros((count, count)), np.zeros(1), np.full((1, 1), white_prior))]
     words = ["white noise"]
     for time_s in times:
         shape = _slow_covariance(blocks, ((1.0, float(time_s)),))
-        parts.append(_hypotheses(x, y, shape, squared_levels, (1.0 - WHITE_PRIOR) / (LEVELS * TIMES)))
+        parts.append(_hypotheses(x, y, shape, squared_levels, prior))
         words += [
             f"bias instability of {np.sqrt(level * total_s):.2g} times the white noise, {time_s:.3g} s"
             for level in squared_levels.tolist()
@@ -260,7 +273,7 @@ def _weighed(x: FloatArray, y: FloatArray, blocks: Blocks) -> _Hypotheses:
 
 
 def _hypotheses(
-    x: FloatArray, y: FloatArray, shape: FloatArray, levels: FloatArray, prior: float
+    x: FloatArray, y: FloatArray, shape: FloatArray, levels: FloatArray, prior: FloatArray
 ) -> _Hypotheses:
     """Cov = S (1 + level * shape) for each level; S from the data."""
     if levels.any():

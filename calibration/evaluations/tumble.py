@@ -63,6 +63,14 @@ def evaluate_tumble(recordings: tuple[Recording, ...]) -> MethodEvaluation:
             say("noise of {channel}: {words}", channel=f"{kind}_{letter}", words=fit.noise[0])
             for letter, fit in zip("xyz", found.fits, strict=True)
         ]
+        if stated_slow_terms(recording, kind) is None:
+            sentences.append(
+                say(
+                    "{kind}: slow noise not stated: bounded by these data, uncertainties widened where they "
+                    "hardly see it",
+                    kind=kind,
+                )
+            )
         not_used += found.not_used
     if not results:
         raise (
