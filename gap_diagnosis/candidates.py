@@ -36,7 +36,8 @@ SEEN_OTHERWISE = frozenset(
 """Found by the timing stage, by the samples' steps or by spectral lines, not by regressors."""
 NOT_OF_A_TRIAD = frozenset({"latency", "clock_step", "antenna_lever_arm", "multipath", "crank_geometry"})
 
-TIME_CONSTANTS, PLAY_WIDTHS, RATE_WIDTHS, BAND_WIDTHS = 9, 7, 5, 8
+TIME_CONSTANTS, PLAY_WIDTHS, RATE_WIDTHS, BAND_WIDTHS = 9, 7, 9, 8
+SHORTEST_WARM_UP_S = 4.0
 LAGS_S = (0.002, 0.008, 0.03)
 DELAYS_S = (0.001, 0.004, 0.015, 0.06)
 CHAMBER_LAGS_S = (10.0, 30.0, 90.0, 270.0)
@@ -255,6 +256,8 @@ def _scaled(effect: CatalogueEffect, step: float) -> CatalogueEffect | None:
         return None
     by_name = {scalar.name: scalar for scalar in scalars(effect)}
     values = {name: by_name[name].value * step for name in names}
+    if effect.word == "warm_up" and values["time_constant_s"] < SHORTEST_WARM_UP_S:
+        return None  # over before the first samples: nothing would hold its amplitude
     if any(not by_name[name].low <= value <= by_name[name].high for name, value in values.items()):
         return None
     return with_values(effect, values)
