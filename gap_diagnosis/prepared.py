@@ -64,8 +64,10 @@ class Prepared:
 
     @property
     def mounts(self) -> tuple[str, ...]:
-        """Of each recording."""
-        return tuple(one.mount or one.recording_id for one in self.observations)
+        """Of each recording: a mount 'm1' on another stand is another mount."""
+        return tuple(
+            f"{one.stand_id}/{one.mount}" if one.mount else one.recording_id for one in self.observations
+        )
 
     def systems(self, recordings: Sequence[int] | None = None) -> dict[Channel, ChannelSystem]:
         """The channels' systems over all recordings, or over some."""

@@ -117,10 +117,11 @@ def found_effects(report: ReportDocument, where: str, rank: int = 1) -> list[Fou
         raise TestloomError(
             text, where=f"{where}, sets", fault=Fault.OPERATOR, remedy="1 is the most probable."
         )
-    return [_effect(entry, where) for entry in report.entries_of(sets[rank - 1].effects)]
+    return [found_effect(entry, where) for entry in report.entries_of(sets[rank - 1].effects)]
 
 
-def _effect(entry: Attribution, where: str) -> FoundEffect:
+def found_effect(entry: Attribution, where: str) -> FoundEffect:
+    """One entry of `which`; raises as `found_effects`."""
     place = f"{where}, which {entry.effect}"
     sensor = _sensor(entry, place)
     neutral = effect_named(entry.effect, sensor)

@@ -157,7 +157,7 @@ def channel_system(
     for group in parts.values():
         mount_gram = mount_cross = 0.0
         for index in group:
-            one_gram, one_cross, one_likelihood = _of_recording(by_recording[index], of, white_si[index])
+            one_gram, one_cross, one_likelihood = recording_system(by_recording[index], of, white_si[index])
             mount_gram = mount_gram + one_gram
             mount_cross = mount_cross + one_cross
             likelihood = likelihood + one_likelihood
@@ -170,7 +170,7 @@ def channel_system(
     )
 
 
-def _of_recording(
+def recording_system(
     one: RecordingMoments, of: Levels, white_si: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At each level, the bias of the run projected out: (h, p − 1, p − 1), (h, p − 1, j), (h, j)."""
