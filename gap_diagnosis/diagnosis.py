@@ -36,6 +36,7 @@ from gap_diagnosis.spectral_lines import lines_taken_off
 from gap_diagnosis.stillness import stilled
 from gap_diagnosis.switched_field import switched_trials
 from gap_diagnosis.together import check_together
+from gap_diagnosis.unknown_heading import with_headings
 from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
 from protocol.errors import Fault, TestloomError
@@ -104,7 +105,8 @@ def diagnose_observations(
     """The same, from observations."""
     rng = np.random.Generator(np.random.PCG64(SEED))
     progress("columns", 0.2)
-    offered = [*trials_for(observations, without), *switched_trials(observations, without)]
+    listed = with_headings(trials_for(observations, without), observations)
+    offered = [*listed, *switched_trials(observations, without)]
     trials = claimable(offered, observations)
     beside_reference = len(trials) < len(offered)
     prepared = visible_only(prepare(observations, trials, nulls, rng))
