@@ -44,13 +44,16 @@ def certain_findings(
 
 
 def oddities_of(observations: Sequence[Observation], without: frozenset[str]) -> tuple[Oddity, ...]:
-    """What the catalogue has not, or must not be offered; the clearest first."""
+    """What the catalogue has not, or must not be offered: of each channel the clearest, in that order."""
     found = [oddity for one in observations for oddity in one.oddities]
     for one in observations:
         found += [
             _without_name(finding) for finding in one.timing if finding.effect in without and _counts(finding)
         ]
-    return tuple(sorted({one.description: one for one in found}.values(), key=lambda one: one.p))
+    by_channel: dict[tuple[str, bool], Oddity] = {}
+    for one in sorted(found, key=lambda one: one.p):
+        by_channel.setdefault((one.channel, one.is_certain), one)
+    return tuple(by_channel.values())
 
 
 def _counts(finding: TimingFinding) -> bool:
