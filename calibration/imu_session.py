@@ -264,7 +264,7 @@ def _of_sensor(
     not_used: list[NotUsed] = []
     seen = observe(runs, limit, not_used)
     fit = _fit(quantity, seen, known)
-    noise = f"{fit.likeliest} (posterior {fit.posterior:.2f})"
+    noise = fit.likeliest if known is not None else f"{fit.likeliest} (posterior {fit.posterior:.2f})"
     return SensorCalibration(fit.coefficients, _residuals_by_run(seen, fit), noise, tuple(not_used))
 
 

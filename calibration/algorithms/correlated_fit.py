@@ -145,24 +145,15 @@ def fit_correlated(
         )
     root = np.sqrt(blocks.duration_s)[:, None]
     white_x, white_y = x * root, y * root
-    unknown = known_slow is None
-    found = (
-        _weighed(white_x, white_y, blocks, cautious)
-        if unknown
-        else _stated(white_x, white_y, blocks, known_slow)
-    )
-    weight = np.exp(found.log_weight - found.log_weight.max(axis=0))
-    weight /= weight.sum(axis=0)
-    values = np.einsum("hm,hmp->mp", weight, found.values)
-    spread = found.values - values
-    covariance = np.einsum("hm,hmpq->mpq", weight, found.covariance)
-    covariance += np.einsum("hm,hmp,hmq->mpq", weight, spread, spread)
+    if known_slow is None:
+        found = _weighed(white_x, white_y, blocks, cautious)
+    else:
+        found = _stated(white_x, white_y, blocks, known_slow)
+    weight, values, covariance = _averaged(found)
     if systematic is not None:
         operator = _pseudo_inverse(white_x) * root.T
         moved = np.einsum("pk,ksm->mps", operator, systematic)
         covariance = covariance + np.einsum("mps,mqs->mpq", moved, moved)
-    best = np.argmax(weight, axis=0)
-    words = tuple(f"{found.words[h]} (posterior {weight[h, m]:.2f})" for m, h in enumerate(best))
     return CorrelatedFit(
         names=tuple(names),
         values=values,
@@ -171,8 +162,27 @@ def fit_correlated(
         degrees_of_freedom=count - terms,
         scatter_degrees_of_freedom=1.0 / np.einsum("hm,hm->m", weight, 1.0 / found.scatter_dof),
         condition=condition,
-        noise=words,
+        noise=_likeliest(found, weight),
     )
+
+
+def _averaged(found: _Hypotheses) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights (h, m), and the mean over the hypotheses with its covariance: (m, p), (m, p, p)."""
+    weight = np.exp(found.log_weight - found.log_weight.max(axis=0))
+    weight /= weight.sum(axis=0)
+    values = np.einsum("hm,hmp->mp", weight, found.values)
+    spread = found.values - values
+    covariance = np.einsum("hm,hmpq->mpq", weight, found.covariance)
+    covariance += np.einsum("hm,hmp,hmq->mpq", weight, spread, spread)
+    return weight, values, covariance
+
+
+def _likeliest(found: _Hypotheses, weight: FloatArray) -> tuple[str, ...]:
+    """Of each channel, with its weight where there are others."""
+    best: list[int] = np.argmax(weight, axis=0).tolist()
+    if len(found.words) == 1:
+        return found.words * len(best)
+    return tuple(f"{found.words[h]} (posterior {weight[h, m]:.2f})" for m, h in enumerate(best))
 
 
 def check_rank(design: FloatArray, names: Sequence[str], where: str) -> float:
@@ -236,6 +246,7 @@ def _stated(x: FloatArray, y: FloatArray, blocks: Blocks, terms: SlowTerms) -> _
     trace, square = _left_in_residuals(x, slow)
     dof = (density * freedom + trace) ** 2 / (density**2 * freedom + 2.0 * density * trace + square)
     told = " and ".join(f"{level:.2g} with {time_s:.3g} s" for level, time_s in terms)
+    told = told.replace("with inf s", "throughout")
     words = f"bias instability {told}, as stated" if terms else "white noise, as stated"
     return _Hypotheses(
         values, covariance * excess[..., None, None], np.zeros(squares.shape), dof[None], (words,)
@@ -250,8 +261,8 @@ def _weighed(x: FloatArray, y: FloatArray, blocks: Blocks, cautious: bool) -> _H
     times = np.geomspace(2.0 * float(np.median(blocks.duration_s)), LONGEST_SPANS * span_s, TIMES)
     largest = 8.0 * float(count) ** 0.5
     least, white_prior = (CAUTIOUS_LEAST, CAUTIOUS_WHITE_PRIOR) if cautious else (0.25, WHITE_PRIOR)
-    levels = np.geomspace(least, largest, LEVELS)
-    squared_levels = np.asarray(levels**2 / total_s, dtype=np.float64)
+    levels = np.asarray(np.geomspace(least, largest, LEVELS), dtype=np.float64)
+    squared_levels = levels**2 / total_s
     share = np.sqrt(levels) if cautious else np.ones(LEVELS)
     prior = ((1.0 - white_prior) / TIMES * share / share.sum())[:, None]
     parts = [_hypotheses(x, y, np.zeros((count, count)), np.zeros(1), np.full((1, 1), white_prior))]

@@ -91,6 +91,13 @@ def _bias_and_stability(recording: Recording) -> MethodEvaluation:
                 time_s, output, acted, range_limit=limit, known_slow=slow, where=recording.recording_id
             )
             sentences += [words, *_noise_words(kind, letters, found.noise)]
+            if slow is None:
+                sentences.append(
+                    say(
+                        "slow noise not stated: the bias's uncertainty bounds it by these data, also a "
+                        "wander slower than the record: about five times that of white noise alone"
+                    )
+                )
             not_used += found.not_used
         else:
             why = say("one attitude does not tell it from scale factor and tilt: see multi_position")
