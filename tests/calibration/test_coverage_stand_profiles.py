@@ -12,10 +12,13 @@ import pytest
 
 from calibration.clock_of_turns import clock_rate_of_turns
 from calibration.evaluation import Evaluation
+from calibration.evaluations.by_profile import evaluate_by_profile
 from calibration.stand_recordings import evaluate_stand_profiles
+from dut_emulator.effects.dynamics import Bandwidth, FixedDelay
 from dut_emulator.products.catalogue import product_named
 from dut_emulator.recording.recorder import recorded
 from dut_emulator.twin import Twin, twin_text
+from protocol.errors import CalibrationError
 from tests.calibration.shaped_noise import check_coverage, exponential, flicker, white
 
 BEYOND_THE_MODEL = {
@@ -92,6 +95,33 @@ def test_sessions_of_emulated_units_are_covered(product: str) -> None:
     assert seed < 230
     # what a table's data sheet leaves open enters whole
     check_coverage(np.array(pulls), more=0.33)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_delays_of_swept_units_are_covered() -> None:
+    """40 units up to 8 Hz, where straight lines between their samples of 5 ms are no other dynamics."""
+    pulls: list[float] = []
+    for seed in range(1, 41):
+        twin = product_named("mems_ahrs").twin(seed, "U-0001")
+        own = {(one.sensor, one.word): one for one in twin.effects}
+        link, filtered = own["gyro", "fixed_delay"], own["gyro", "bandwidth"]
+        assert isinstance(link, FixedDelay)
+        assert isinstance(filtered, Bandwidth)
+        values = {"axis": 1.0, "high_hz": 8.0, "peak_acceleration_deg_s2": 490.0}
+        order = {"seed": seed, "stand_seed": 100 + seed, "powered_before_s": 3600.0, "values": values}
+        try:
+            found = evaluate_by_profile([recorded("mems_ahrs", "sweep", twin=twin, **order)])
+        except CalibrationError:  # a dead axis
+            continue
+        told = {one.name: one for one in found.results[0].content.quantities}
+        if "total_delay_x" in told:
+            one = told["total_delay_x"]
+            pulls.append(
+                (one.value - link.delay_s - filtered.time_constant_s) / (one.standard_uncertainty or 0.0)
+            )
+    assert len(pulls) >= 36
+    check_coverage(np.array(pulls), more=0.2)
 
 
 def turned(seed: int, colour: str) -> float:

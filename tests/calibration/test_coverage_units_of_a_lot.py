@@ -24,7 +24,10 @@ from dut_emulator.effects.stochastic import WhiteNoise
 from dut_emulator.products.gnc_module.inertial_sensors import ACC_LSB_M_S2, GYRO_LSB_RAD_S, InertialSensors
 from dut_emulator.products.gnc_module.population import draw_unit, unit_seed
 from dut_emulator.products.gnc_module.unit_truth import TriadTruth, UnitTruth
-from tests.calibration.shaped_noise import check_coverage, flicker, white
+from tests.calibration.shaped_noise import check_coverage, exponential, flicker, white
+from tests.calibration.test_ferraris_session import ACC_B, ACC_M, GYRO_B, GYRO_M
+from tests.calibration.test_ferraris_session import GRAVITY as OWN_GRAVITY
+from tests.calibration.test_ferraris_session import session as by_own_hand
 from tests.calibration.test_turned_gravity import BIAS, MATRIX, session
 
 GRAVITY, EARTH_RAD_S = 9.8, 7.2921e-5
@@ -119,6 +122,37 @@ def test_ferraris_sessions_are_covered() -> None:
         gyro.append(pulls_in_session(found.gyro.coefficients, matrix_of(unit.gyro), unit.gyro))
         acc.append(pulls_in_session(found.acc.coefficients, matrix_of(unit.acc), unit.acc))
     # three turns tell little of how well the hand aligned them
+    for each in (np.array(gyro), np.array(acc)):
+        check_coverage(each, less=0.04, more=0.31)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colour", ["exponential", "flicker"])
+def test_ferraris_sessions_are_covered_on_coloured_noise(colour: str, pulls) -> None:
+    """Noise that runs on from rest to rest and turn to turn, of 0.4 of a sample's white noise."""
+    gyro, acc = [], []
+    for seed in range(200):
+        rests, turns = by_own_hand(8000 + seed)
+        rng, period_s, count = np.random.default_rng(seed), 0.01, 6 * 500 + 3 * 400
+        shape = exponential if colour == "exponential" else None
+        for kind, level in (("gyro_rad_s", 1e-4), ("acc_m_s2", 2e-3)):
+            slow = (
+                shape(rng, count, 3, level, 5.0, period_s)
+                if shape
+                else flicker(rng, count, 3, 0.6 * level, period_s)
+            )
+            slow, begin = slow - slow.mean(axis=0), 0  # the bias is of this session
+            for held in (rests, turns):
+                for name, one in list(held.items()):
+                    if not hasattr(one, kind):
+                        continue
+                    samples = getattr(one, kind)
+                    added = samples + slow[begin : begin + len(samples)]
+                    held[name] = dataclasses.replace(one, **{kind: added})
+                    begin += len(samples)
+        found = calibrate_ferraris(rests, turns, OWN_GRAVITY)
+        gyro.append(pulls(found.gyro.coefficients, GYRO_M, GYRO_B))
+        acc.append(pulls(found.acc.coefficients, ACC_M, ACC_B))
     for each in (np.array(gyro), np.array(acc)):
         check_coverage(each, less=0.04, more=0.31)
 
