@@ -26,8 +26,11 @@ def gum(value: float, standard_uncertainty: float) -> str:
 def plain(value: float, digits: int) -> str:
     """A value to so many significant digits, written as `gum` writes it."""
     power = _power(abs(value))
-    scaled = f"{value * 10.0**-power:.{digits}g}"
-    return f"{scaled}e{power:03d}" if power else scaled
+    if not power:
+        return f"{value:.{digits}g}"
+    # between 1 and 1000: never with a second power of ten, as 6.4e+02e-06
+    scaled = float(f"{value * 10.0**-power:.{digits}g}")
+    return f"{scaled:.{max(digits, 4)}g}e{power:03d}"
 
 
 def two_digits(uncertainty: float) -> str:

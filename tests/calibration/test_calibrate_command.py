@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from calibration.imu_session import SlowNoise
 from calibration.recorded import Source, evaluate, sensor_range
 from calibration.sensor_knowledge import slow_noise
-from cli.calibrate_command import gum
 from cli.main import main
+from cli.uncertain_numbers import gum, plain, two_digits
 from protocol.adapters.recording_forms import convert
 from protocol.folder_form import write_folder
 from protocol.language import choose_language
@@ -187,3 +187,5 @@ def test_gum_examples() -> None:
     assert gum(0.25, 0.0) == "0.25"
     assert gum(-2.3681e-6, 1.04e-8) == "(-2.368 ± 0.010)e-06"
     assert gum(1.2e-7, 1.94e-6) == "(0.1 ± 1.9)e-06"
+    assert two_digits(6.432e-4) == "640e-06"
+    assert plain(-9.99996e-4, 3) == "-1000e-06"
