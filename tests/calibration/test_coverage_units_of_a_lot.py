@@ -5,6 +5,7 @@ The motion comes from generators of the tests' own. Noise of plots also from `sh
 
 import dataclasses
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_ferraris_sessions_are_covered() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("colour", ["exponential", "flicker"])
 def test_ferraris_sessions_are_covered_on_coloured_noise(colour: str, pulls) -> None:
-    """Noise that runs on from rest to rest and turn to turn, of 0.4 of a sample's white noise."""
+    """Noise that runs on from rest to rest; in a rest's mean it is more than the white one."""
     gyro, acc = [], []
     for seed in range(200):
         rests, turns = by_own_hand(8000 + seed)
@@ -142,7 +143,8 @@ def test_ferraris_sessions_are_covered_on_coloured_noise(colour: str, pulls) -> 
                 else flicker(rng, count, 3, 0.6 * level, period_s)
             )
             slow, begin = slow - slow.mean(axis=0), 0  # the bias is of this session
-            for held in (rests, turns):
+            runs: tuple[dict[str, Any], ...] = (rests, turns)
+            for held in runs:
                 for name, one in list(held.items()):
                     if not hasattr(one, kind):
                         continue
