@@ -20,12 +20,13 @@ from gap_diagnosis.attribution import Attribution, attribute
 from gap_diagnosis.candidates import Trial, has_shape, trials_for
 from gap_diagnosis.decimation import decimated
 from gap_diagnosis.direct_findings import certain_findings, oddities_of
+from gap_diagnosis.findings import Findings
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.observing import observe
-from gap_diagnosis.outcome import Findings, report_of
+from gap_diagnosis.outcome import report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.proposal import with_next_test
 from gap_diagnosis.reference_noise import claimable, delays_beside, reference_noted

@@ -14,8 +14,8 @@ from gap_diagnosis.evidence import STEPS_OF_DATA, profile
 from gap_diagnosis.fitting import joint_terms, rms_added
 from gap_diagnosis.held_out import Fold, HeldOut, gain_at, shrinkage_of, signal_at
 from gap_diagnosis.observation import Channel, Observation
-from gap_diagnosis.outcome import shrinkage_entry
 from gap_diagnosis.prepared import Prepared, prepare
+from gap_diagnosis.report_entries import shrinkage_entry
 from gap_diagnosis.search import Cause
 from protocol.errors import Fault, TestloomError
 

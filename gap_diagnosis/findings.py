@@ -1,0 +1,112 @@
+# pyright: strict
+"""What the steps of a diagnosis found, and white noise beyond belief, which none of them searched for."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from gap_diagnosis.attribution import Attribution
+from gap_diagnosis.fitting import JointFit
+from gap_diagnosis.held_out import HeldOut
+from gap_diagnosis.localisation import Localisation
+from gap_diagnosis.observation import Channel, Oddity, TimingFinding
+from gap_diagnosis.prepared import AXIS_SHARE, Prepared
+from gap_diagnosis.rivals import Rival
+from gap_diagnosis.search import EXPECTED_EFFECTS, Search
+
+SIGNIFICANT_P = 0.05
+LARGEST_FACTOR = 30.0
+FIELD: Mapping[str, tuple[str, float]] = {
+    "gyro": ("deg/s", math.pi / 180.0),
+    "acc": ("m/s^2", 1.0),
+    "mag": ("uT", 1e-6),
+    "temperature": ("degC", 1.0),
+    "gnss": ("m", 1.0),
+}
+WHITE_NAMES = {"gyro": "gyro.angle_random_walk", "acc": "acc.velocity_random_walk", "mag": "mag.white_noise"}
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that the steps found; see `diagnosis`."""
+
+    prepared: Prepared
+    located: Localisation
+    search: Search
+    attribution: Attribution
+    fit: JointFit | None
+    held: HeldOut | None
+    left: Localisation | None
+    timing: tuple[TimingFinding, ...]
+    without: frozenset[str]
+    rivals: tuple[Rival, ...] = ()
+    oddities: tuple[Oddity, ...] = ()
+
+
+@dataclass(frozen=True)
+class NoiseClaim:
+    """White noise beyond belief."""
+
+    name: str
+    probability: float
+    channels: tuple[Channel, ...]
+
+
+def noise_claims(found: Findings) -> list[NoiseClaim]:
+    """White noise beyond the spread that the belief allows: of a triad as a whole, or of one axis."""
+    claims: list[NoiseClaim] = []
+    threshold = math.log(max(found.search.effects, 1) / EXPECTED_EFFECTS)
+    for sensor, name in WHITE_NAMES.items():
+        if name in found.without:
+            continue
+        ratios = {
+            channel: noise.log_white_ratio
+            for channel, noise in found.prepared.noise.items()
+            if channel.sensor == sensor and noise.log_white_ratio is not None
+        }
+        if not ratios:
+            continue
+        spread = found.prepared.noise[next(iter(ratios))].belief.white_spread
+        evidence, channels = white_excess(ratios, spread)
+        if evidence > threshold:
+            probability = 1.0 / (1.0 + math.exp(-min(evidence - threshold, 600.0)))
+            claims.append(NoiseClaim(name, probability, channels))
+    return sorted(claims, key=lambda claim: -claim.probability)
+
+
+def white_excess(log_ratios: Mapping[Channel, float], spread: float) -> tuple[float, tuple[Channel, ...]]:
+    """ln B of more white noise than believed, by any factor up to `LARGEST_FACTOR`, and on which axes.
+
+    A unit's level is common to its axes (recording.md); an axis strays from it by `AXIS_SHARE` of the spread.
+    """
+    values = list(log_ratios.values())
+
+    def of(excess: float, deviation: float) -> float:
+        if excess <= 0.0:
+            return -math.inf
+        flat = math.log(math.log(LARGEST_FACTOR))
+        return 0.5 * (excess / deviation) ** 2 + math.log(deviation * math.sqrt(2.0 * math.pi)) - flat
+
+    best = of(sum(values) / len(values), spread), tuple(log_ratios)
+    for channel, value in log_ratios.items():
+        others = [v for c, v in log_ratios.items() if c != channel]
+        if not others:
+            continue
+        alone = of(
+            value - sum(others) / len(others), AXIS_SHARE * spread * math.sqrt(1.0 + 1.0 / len(others))
+        )
+        alone -= math.log(len(values))
+        if alone > best[0]:
+            best = alone, (channel,)
+    return best
+
+
+def certain_oddities(found: Findings) -> list[Oddity]:
+    """Those that no effect of the catalogue can be the cause of, whatever else acts."""
+    return [one for one in found.oddities if one.is_certain]
+
+
+def alike(finding: TimingFinding) -> list[str]:
+    """A filter's lag delays as a link does."""
+    lags = [f"{sensor}.bandwidth" for sensor in finding.sensors if sensor != "mag"]
+    return lags if finding.effect == "link.fixed_delay" else []
