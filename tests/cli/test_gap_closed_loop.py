@@ -1,7 +1,7 @@
 """From a gap to a better simulator by the command line: record, diagnose, apply, record again, verify.
 
 The unit has one effect that its belief cannot say, on a stand without errors of its own. What the diagnosis
-puts into the twin is held against what the unit was given, and against new noise: another lot seed, another run.
+puts into the twin is held against what the unit was given, and against new noise: another seed, another run.
 """
 
 import dataclasses
