@@ -186,7 +186,7 @@ def _signal_of(
             gram[np.ix_(held, held)] += _gram(system, columns[held], columns[held])
             cross[held] += system.cross[_likeliest(system), columns[held] - NUISANCES, 0]
         gram[np.diag_indices(k)] += 1e-7 * np.diag(gram) + 1e-12
-        amplitude = np.linalg.solve(gram, cross)
+        amplitude = np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
         for channel, columns in block.columns.items():
             held = columns >= 0
             index, a = found.get(channel, (np.zeros(0, dtype=np.int64), np.zeros(0)))

@@ -36,6 +36,10 @@ SEEN_OTHERWISE = frozenset(
 """Found by the timing stage, by the samples' steps or by spectral lines, not by regressors."""
 NOT_OF_A_TRIAD = frozenset({"latency", "clock_step", "antenna_lever_arm", "multipath", "crank_geometry"})
 
+WITH_TEMPERATURE = frozenset(
+    {"bias_temperature", "scale_factor_temperature", "misalignment_temperature", "temperature_rate"}
+)
+
 TIME_CONSTANTS, PLAY_WIDTHS, RATE_WIDTHS, BAND_WIDTHS = 9, 7, 9, 8
 SHORTEST_WARM_UP_S = 4.0
 LAGS_S = (0.002, 0.008, 0.03)
@@ -123,7 +127,7 @@ def trials_for(observations: Sequence[Observation], without: frozenset[str] = fr
     trials: list[Trial] = []
     for name, (kind, sensors) in CATALOGUE.items():
         left_out = CONSTANT | ABSORBED | SEEN_OTHERWISE | NOT_OF_A_TRIAD
-        mine = [sensor for sensor in sensors if sensor in present]
+        mine = cast("list[SensorName]", [sensor for sensor in sensors if sensor in present])
         if name in without or kind.stochastic or kind.word in left_out or not mine:
             continue
         for held in _shapes(name, kind, excitation):
@@ -144,10 +148,7 @@ def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterato
     """Held parameters to try, coarse; the best are refined."""
     word = kind.word
     axes = [axis for axis, moved in zip(AXIS_NAMES, seen.turned, strict=True) if moved]
-    if word in {"bias_temperature", "scale_factor_temperature", "misalignment_temperature"}:
-        if seen.temperature_span_c > 1.0:
-            yield {}
-    elif word == "temperature_rate":
+    if word in WITH_TEMPERATURE:
         if seen.temperature_span_c > 1.0:
             yield {}
     elif word == "thermal_hysteresis":
@@ -181,7 +182,7 @@ def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterato
     elif word == "clock_drift":
         yield {"relative_rate": DRIFT}
     elif word == "saturation":
-        largest = seen.largest_input_si.get(cast("SensorName", name.split(".")[0]), 0.0)
+        largest = seen.largest_input_si.get(cast("SensorName", name.split(".", maxsplit=1)[0]), 0.0)
         if largest > 0.0:
             for share in SATURATION_SHARES:
                 yield {"range_si": share * largest}

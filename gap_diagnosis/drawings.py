@@ -150,4 +150,4 @@ def _density(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArra
     power = np.mean([np.abs(np.fft.rfft(values[s : s + length] * window)) ** 2 for s in starts], axis=0)
     density = 2.0 * power * period_s / float(np.sum(window**2))
     frequency = np.fft.rfftfreq(length, period_s)
-    return frequency[1:], np.sqrt(density[1:])
+    return frequency[1:].astype(np.float64), np.sqrt(density[1:])

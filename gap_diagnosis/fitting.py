@@ -151,7 +151,7 @@ def _fitted(
     noise: Mapping[Channel, ChannelNoise],
     noisy: Mapping[Channel, tuple[int, ...]],
 ) -> JointFit:
-    every: frozenset[Channel] = frozenset().union(*wanted)
+    every = frozenset(channel for some in wanted for channel in some)
     prepared = prepare(
         observations, trials, 0, np.random.default_rng(0), cells=False, known_noise=noise, wanted=every
     )
@@ -227,7 +227,9 @@ def joint_terms(
 def _information(terms: Sequence[Terms], amplitude: FloatArray) -> FloatArray:
     total = np.zeros((len(amplitude), len(amplitude)))
     for term in terms:
-        total += np.tensordot(level_weights(term, amplitude), term.gram[0], 1)
+        total = total + np.asarray(
+            np.tensordot(level_weights(term, amplitude), term.gram[0], 1), dtype=np.float64
+        )
     return total
 
 

@@ -11,7 +11,7 @@ from dut_emulator.effects.catalogue_effect import CatalogueEffect, LinearEffect
 from dut_emulator.effects.effect import EffectChain, FloatArray, SensorName, Stage, Stimulus
 from gap_diagnosis.candidates import Trial
 from gap_diagnosis.evidence import STEPS_OF_DATA, profile
-from gap_diagnosis.fitting import joint_terms, rms_added
+from gap_diagnosis.fitting import joint_terms, level_weights, rms_added
 from gap_diagnosis.held_out import Fold, HeldOut, gain_at, shrinkage_of, signal_at
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.prepared import Prepared, prepare
@@ -116,7 +116,7 @@ def _folds(prepared: Prepared) -> tuple[HeldOut, dict[str, dict[str, float]]]:
     places, terms = joint_terms(prepared.systems(), prepared.design, causes)
     settled = _settled(prepared, places)
     _, amplitude = profile(terms, STEPS_OF_DATA)
-    information = sum(t.gram[0].mean(axis=0) for t in terms)
+    information = sum(np.tensordot(level_weights(t, amplitude[0, 0]), t.gram[0], 1) for t in terms)
     uncertainty = np.sqrt(np.diag(np.linalg.pinv(np.asarray(information), hermitian=True)))
     share = {
         prepared.design.blocks[number].effects[0].sensor: {

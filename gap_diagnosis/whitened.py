@@ -135,7 +135,7 @@ def _nulls(
     white = scale[:, np.newaxis] * (root @ rng.standard_normal((len(gram), count))) + share.T @ along
     slow = rng.standard_normal((len(strengths), count)) * (nulls.level_si / white_si)
     along = along + strengths[:, np.newaxis] * slow
-    return white + seen.T @ slow, np.linalg.solve(modes.T, along)
+    return white + seen.T @ slow, np.asarray(np.linalg.solve(modes.T, along), dtype=np.float64)
 
 
 def channel_system(
