@@ -56,7 +56,7 @@ def observed(rng, stimulus, added_si=0.0, *, run="1", mount="m1", slow=SLOW, bel
     noise = np.stack(
         [WHITE * rng.standard_normal(count) + gauss_markov(rng, count, slow, TAU_S) for _ in range(3)], axis=1
     )
-    scale = np.eye(3) + 3e-4 * rng.standard_normal((3, 3))
+    scale = np.eye(3) + 3e-4 * generator(sum(mount.encode())).standard_normal((3, 3))  # of the mount
     bias = 0.1 * DEG * rng.standard_normal(3)
     return Observation(
         recording_id=f"made-{run}",

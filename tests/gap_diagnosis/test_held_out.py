@@ -61,7 +61,7 @@ def test_an_effect_gains_between_runs_and_closes_what_theory_says():
     """k = 1: of a gap of d² a fit of the other run closes all but about 1 / d² of each."""
     rng = generator(7)
     added = np.zeros((300, 3))
-    added[:, 0] = 0.006 * DEG * MOTION.specific_force_m_s2[:, 1] / 9.8
+    added[:, 0] = 0.012 * DEG * MOTION.specific_force_m_s2[:, 1] / 9.8
     found = held([observed(rng, MOTION, added, run=str(run)) for run in (1, 2)], "gyro.g_sensitivity", rng)
     assert not found.within_run
     assert found.gains(0)
