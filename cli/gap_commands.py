@@ -36,6 +36,8 @@ STEPS = {
     "what is left": "what is left",
     "next test": "the next test",
     "report": "writing the report",
+    "units": "diagnosing units",
+    "mounts": "each mount by itself",
 }
 """What the diagnosis tells of its progress → words."""
 
@@ -72,11 +74,54 @@ def diagnose(
         text = report_text({**report.document, "recordings": [one.entry() for one in named]})
         document = parse_report(text)
         tell("report", 0.98)
-        _write(report, document, text, out)
+        write_report(report, document, text, out)
     if as_json:
         typer.echo(text, nl=False)
     else:
         _show(document, out)
+
+
+@app.command(
+    cls=Command,
+    help=say(
+        "Many units on several stands: which causes are the unit's, the lot's, the stand's or the link's."
+    ),
+)
+def cohort(
+    recordings: Recordings,
+    out: Annotated[
+        Path, typer.Option("--out", help=say("The folder for all reports; what is finished there is kept."))
+    ],
+    workers: Annotated[
+        int, typer.Option("--workers", min=1, max=64, help=say("Processes that work side by side."))
+    ] = 2,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            "--scheduler", help=say("A Dask scheduler on this machine instead: tcp://127.0.0.1:8786.")
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    from rich.console import Console
+
+    from cli.cohort_runs import cohort_of
+    from cli.cohort_tables import cohort_document, cohort_view
+    from gap_diagnosis.cohort_page import cohort_html
+    from protocol.durable_files import write_whole
+
+    with _progress() as tell:
+        found = cohort_of(recordings, out, workers, scheduler, tell)
+        tell("report", 0.96)
+        document = cohort_document(found)
+        text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+        write_whole(out / "cohort.html", cohort_html(found.findings, document))
+        write_whole(out / "cohort.json", text)
+    if as_json:
+        typer.echo(text, nl=False)
+    else:
+        Console(highlight=False).print(cohort_view(found))
+        typer.echo(str(out / "cohort.html"))
 
 
 @app.command(cls=Command, help=say("Add the effects that a report found to a twin file."))
@@ -190,7 +235,8 @@ def _progress() -> Iterator[Callable[[str, float], None]]:
         yield tell
 
 
-def _write(report: "GapReport", document: "ReportDocument", text: str, out: Path) -> None:
+def write_report(report: "GapReport", document: "ReportDocument", text: str, out: Path) -> None:
+    """report.json, report.html and plots into a folder."""
     from gap_diagnosis.report_page import report_html
     from gap_diagnosis.report_pictures import pictures
     from protocol.durable_files import write_whole

@@ -17,7 +17,8 @@ from gap_diagnosis.mount_constants import MountPair, constants_of, mount_pairs
 from gap_diagnosis.mount_estimates import MountEstimate, ParameterEstimate
 from gap_diagnosis.variance_parts import LEVELS, PRIOR_PRESENT, Level, VarianceParts, variance_parts
 
-ENOUGH = 0.95
+ENOUGH, ENOUGH_FOR_NOTHING = 0.95, 0.8
+"""No recording excludes an effect far below its noise: to call it absent takes less."""
 LINK, NOTHING, NOT_TOLD_APART = "link", "none", "not told apart"
 PRIORS: Mapping[str, Mapping[Level, float]] = {
     "stand": {"lot": 0.05, "unit": 0.1, "stand": 0.5, "mount": 0.1},
@@ -161,7 +162,10 @@ def _assigned(effect: str, parameters: tuple[ParameterFindings, ...]) -> EffectF
     for names, share in shares.items():
         key = names[0] if len(names) == 1 else NOT_TOLD_APART
         probabilities[key] = probabilities.get(key, 0.0) + share
-    single = next((k for k, p in probabilities.items() if p >= ENOUGH and k != NOT_TOLD_APART), None)
+    wanted = {NOTHING: ENOUGH_FOR_NOTHING}
+    single = next(
+        (k for k, p in probabilities.items() if p >= wanted.get(k, ENOUGH) and k != NOT_TOLD_APART), None
+    )
     if single is not None:
         return EffectFindings(effect, single, (single,), probabilities, parameters)
     ranked = sorted([*shares.items(), ((NOTHING,), nothing)], key=lambda item: -item[1])
@@ -203,6 +207,24 @@ def further_recordings(between: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found)) or (MORE,)
 
 
+NOT_THE_STANDS = (
+    "An effect of a stand that goes with the unit is the unit's own: see what its report confuses it with."
+)
+NOT_THE_UNITS = (
+    "An effect of a unit that goes with the stand is the stand's: see what its report confuses it with."
+)
+
+
+def remarks(one: EffectFindings) -> tuple[str, ...]:
+    """English: what would tell more, and where a level contradicts an effect's name."""
+    origin = one.effect.partition(".")[0]
+    if origin == "stand" and one.assigned == "unit":
+        return (NOT_THE_STANDS,)
+    if origin not in ("stand", "link") and one.assigned == "stand":
+        return (NOT_THE_UNITS,)
+    return further_recordings(one.between)
+
+
 def document(findings: CohortFindings) -> dict[str, object]:
     """What cohort.json says of effects, constants and mounts, SI and the catalogue's units."""
     return {
@@ -219,7 +241,7 @@ def _effect_entry(one: EffectFindings) -> dict[str, object]:
         "assigned": one.assigned,
         "between": list(one.between),
         "probabilities": dict(one.probabilities),
-        "further_recordings": list(further_recordings(one.between)),
+        "remarks": list(remarks(one)),
         "parameters": [_parameter_entry(parameter) for parameter in one.parameters],
     }
 
@@ -279,4 +301,12 @@ def _mount_entry(one: MountEstimate) -> dict[str, object]:
     }
 
 
-__all__ = ["LEVELS", "CohortFindings", "EffectFindings", "cohort_findings", "document", "further_recordings"]
+__all__ = [
+    "LEVELS",
+    "CohortFindings",
+    "EffectFindings",
+    "cohort_findings",
+    "document",
+    "further_recordings",
+    "remarks",
+]

@@ -28,8 +28,8 @@ class _Named:
 def cohort_trials(reports: Mapping[str, ReportDocument]) -> tuple[Trial, ...]:
     """Effects of the reports' first sets, and others that are more likely than not, at most `MOST_EFFECTS`.
 
-    Of effects that reports could not tell apart the one with the larger sum of probabilities is taken; the shape
-    (a time constant, an axis) is that of the unit on which its parameters are largest over their uncertainties.
+    Of effects that reports could not tell apart the one with the larger sum of probabilities is taken; the
+    shape (a time constant, an axis) is that of the unit which shows it most clearly.
 
     Args:
         reports: serial → its report.

@@ -62,7 +62,7 @@ def series_svg(series: ResidualSeries) -> str:
     factor, unit = field_unit(series.unit, float(finite.max(initial=0.0)) or 1.0)
     seconds = float(np.ptp(series.time_s)) if len(series.time_s) else 0.0
     span, name = (3600.0, "h") if seconds > _HOURS else (60.0, "min") if seconds > _MINUTES else (1.0, "s")
-    figure, panel = _panel()
+    figure, panel = panel_of()
     for values, colour in ((series.before, BEFORE), (series.after, AFTER)):
         time, drawn = _envelope(series.time_s / span, values * factor)
         panel.plot(time, drawn, color=colour, linewidth=0.7)
@@ -70,7 +70,7 @@ def series_svg(series: ResidualSeries) -> str:
     panel.margins(x=0.01)
     panel.set_xlabel(f"t, {name}")
     panel.set_ylabel(f"Δ, {unit_sign(unit)}")
-    return _svg(figure, f"series {series.recording_id} {series.channel}")
+    return svg_of(figure, f"series {series.recording_id} {series.channel}")
 
 
 def spectrum_svg(spectrum: Spectrum) -> str:
@@ -80,7 +80,7 @@ def spectrum_svg(spectrum: Spectrum) -> str:
         (spectrum.before, BEFORE, "-", 1.1),
         (spectrum.after, AFTER, "-", 1.1),
     )
-    figure, panel = _panel()
+    figure, panel = panel_of()
     for values, colour, line, width in curves:
         there = np.isfinite(values) & (values > 0) & (spectrum.abscissa > 0)
         if there.any():
@@ -90,7 +90,7 @@ def spectrum_svg(spectrum: Spectrum) -> str:
     panel.set_xlabel("τ, s" if spectrum.kind == "allan" else "f, Hz")
     symbol = "σ(τ)" if spectrum.kind == "allan" else "√S" if "sqrt" in spectrum.unit else "S"
     panel.set_ylabel(f"{symbol}, {unit_sign(spectrum.unit)}")
-    return _svg(figure, f"{spectrum.kind} {spectrum.channel}")
+    return svg_of(figure, f"{spectrum.kind} {spectrum.channel}")
 
 
 def _share_gone(series: ResidualSeries) -> float:
@@ -112,7 +112,8 @@ def _envelope(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatAr
     return np.repeat(at, 2), np.stack([low, high], axis=1).ravel()
 
 
-def _panel() -> tuple[Figure, Any]:
+def panel_of() -> tuple[Figure, Any]:
+    """A figure of the page's size with one set of axes."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE_IN)
         FigureCanvasSVG(figure)
@@ -121,7 +122,7 @@ def _panel() -> tuple[Figure, Any]:
         return figure, panel
 
 
-def _svg(figure: Figure, salt: str) -> str:
+def svg_of(figure: Figure, salt: str) -> str:
     """The figure as an element to stand in a page; text stays text."""
     out = io.StringIO()
     with mpl.rc_context({**STYLE, "svg.fonttype": "none", "svg.hashsalt": salt}):

@@ -169,13 +169,18 @@ def parameter_lines(entry: Attribution) -> tuple[str, ...]:
 
 def verdict_words(report: ReportDocument) -> str:
     """The verdict in a word or two."""
+    return verdict_name(report.verdict)
+
+
+def verdict_name(verdict: str) -> str:
+    """The same, of a verdict's name."""
     return say(
         {
             "no_gap": "No gap",
             "attributed": "Cause found",
             "confusable": "Cause narrowed down",
             "unattributed": "Gap without a known cause",
-        }[report.verdict]
+        }[verdict]
     )
 
 

@@ -29,7 +29,7 @@ SMALLEST_SHARE, LARGEST_SHARE = 0.5, 300.0
 """Standard deviations on the grid, over the median uncertainty of an estimate."""
 LARGEST_OVER_VALUES = 3.0
 """The grid reaches at least so many times the largest value."""
-PRIOR_PRESENT: Mapping[Level, float] = {"lot": 0.3, "unit": 0.3, "stand": 0.15, "mount": 0.1}
+PRIOR_PRESENT: Mapping[Level, float] = {"lot": 0.2, "unit": 0.2, "stand": 0.1, "mount": 0.05}
 LEVEL_95 = (0.025, 0.975)
 NEGLIGIBLE = 1e-12
 
