@@ -57,6 +57,10 @@ class ChannelDesign:
     rows: dict[int, NDArray[np.bool_]] = field(default_factory=dict[int, NDArray[np.bool_]])
     scales: FloatArray = field(default_factory=lambda: np.ones(NUISANCES))
 
+    def without_trials(self) -> None:
+        """Let go of all columns but the nuisances': what a search needs is in the statistics."""
+        self.matrices = {i: matrix[:, :NUISANCES].copy() for i, matrix in self.matrices.items()}
+
 
 @dataclass(frozen=True)
 class CellGroup:
@@ -123,15 +127,11 @@ def designed(
     groups: list[CellGroup] = []
     for channel in rows if cells else ():
         groups += _cells(observations, channel, rows[channel], parts[channel], counts, scales[channel])
-    channels = {
-        channel: ChannelDesign(
-            channel,
-            {index: np.stack(columns).T for index, columns in by_recording.items()},
-            dict(rows[channel]),
-            np.array(scales[channel]),
-        )
-        for channel, by_recording in parts.items()
-    }
+    channels: dict[Channel, ChannelDesign] = {}
+    for channel, use in rows.items():
+        columns = parts.pop(channel)  # let go as soon as they stand side by side
+        matrices = {index: np.stack(columns.pop(index)).T for index in list(columns)}
+        channels[channel] = ChannelDesign(channel, matrices, dict(use), np.array(scales[channel]))
     return Design(tuple(trials), channels, tuple(blocks), tuple(groups))
 
 

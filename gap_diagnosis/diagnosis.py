@@ -21,6 +21,7 @@ from gap_diagnosis.candidates import Trial, has_shape, trials_for
 from gap_diagnosis.decimation import decimated
 from gap_diagnosis.direct_findings import certain_findings, oddities_of
 from gap_diagnosis.findings import Findings
+from gap_diagnosis.enough_rows import with_enough_rows
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
@@ -93,7 +94,7 @@ def diagnose(
     for number, recording in enumerate(recordings):
         progress("reading", 0.2 * number / len(recordings))
         observed.append(stilled(observe(recording)))
-    observations = [reference_noted(decimated(one)) for one in lines_taken_off(observed)]
+    observations = [reference_noted(with_enough_rows(decimated(one))) for one in lines_taken_off(observed)]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
 
@@ -110,7 +111,7 @@ def diagnose_observations(
     offered = [*listed, *switched_trials(observations, without)]
     trials = claimable(offered, observations)
     beside_reference = len(trials) < len(offered)
-    prepared = visible_only(prepare(observations, trials, nulls, rng))
+    prepared = visible_only(prepare(observations, trials, nulls, rng, keep_columns=False))
     if not prepared.moments:
         raise TestloomError(
             "No channel has samples beside a prediction.",
@@ -172,7 +173,9 @@ def _searched(
         if not sharper:
             break
         every = [*searched.design.trials, *sharper]
-        searched = visible_only(prepare(observations, every, 0, rng, cells=False, known_noise=prepared.noise))
+        searched = visible_only(
+            prepare(observations, every, 0, rng, cells=False, known_noise=prepared.noise, keep_columns=False)
+        )
         systems = searched.systems()
         found = search(systems, searched.design, noises)
     return searched, systems, found
@@ -233,7 +236,7 @@ def remainder(
     noise = dict(prepared.noise)
     for channel, shapes in noisy_channels(causes).items():
         noise[channel] = _as_noisy(noise[channel], beyond_belief(systems[channel], shapes), rng)
-    again = prepare(observations, trials, nulls, rng, known_noise=noise)
+    again = prepare(observations, trials, nulls, rng, known_noise=noise, keep_columns=False)
     systems = again.systems()
     for number, cause in enumerate(fit.causes if fit is not None else ()):
         blocks = tuple(

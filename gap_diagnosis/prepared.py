@@ -91,10 +91,12 @@ def prepare(
     cells: bool = True,
     known_noise: Mapping[Channel, ChannelNoise] | None = None,
     wanted: frozenset[Channel] | None = None,
+    keep_columns: bool = True,
 ) -> Prepared:
     """Columns, noise and statistics. `nulls` simulated ones beside the data.
 
     `known_noise`: of an earlier preparation of the same observations; `wanted`: only these channels.
+    `keep_columns`: or only those of the nuisances, since a long record's fill the memory.
     """
     design = designed(observations, trials, cells=cells, wanted=wanted)
     longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
@@ -129,6 +131,8 @@ def prepare(
             )
             for i, residual in residuals.items()
         }
+        if not keep_columns:
+            part.without_trials()
     return Prepared(tuple(observations), design, noise, statistics)
 
 

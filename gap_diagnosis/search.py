@@ -1,10 +1,10 @@
 """Which effects explain the residual: every single one, then pairs and triples on top of the best.
 
 An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all
-subsets alike; shapes are alike; so an effect's ln B is a mean over both. As likely as none is
-one effect, whichever; each further one has the prior 0.05 / effects.
-A set is built by adding effects to the best smaller ones, whose own columns are then projected out: each
-addition is a search for a single effect in what is left.
+subsets alike; shapes are alike; so an effect's ln B is a mean over both. One effect, whichever, has prior
+odds of 3 against none; each further one the prior 0.05 / effects. A set is built by adding effects to the
+best smaller ones, whose own columns are then projected out: each addition is a search for a single effect in
+what is left.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,8 +28,13 @@ from gap_diagnosis.observation import Channel
 from gap_diagnosis.whitened import ChannelSystem
 
 MAX_EFFECTS = 3
+ODDS_OF_A_GAP = 3.0
+"""Prior odds of some effect against none: who asks for a diagnosis has a reason."""
 EXPECTED_EFFECTS = 0.05
 """Prior number of effects beyond the first."""
+INEXACT = 5e-3
+"""How far a regressor is off the truth (interpolation, second orders): what is left of a very clear effect
+must not look like another one, so an addition has to gain more than this share squared of what is there."""
 BEAM = 6
 """So many of the best sets of one size are added to."""
 WORTH_ADDING = -4.0
@@ -285,7 +290,8 @@ def _log_prior(size: int, names: int) -> float:
     """Of a set of `size` effects out of `names`, but for a constant."""
     if not size:
         return 0.0
-    return -size * np.log(max(names, 1)) + (size - 1) * np.log(EXPECTED_EFFECTS)
+    first = np.log(ODDS_OF_A_GAP)
+    return first - size * np.log(max(names, 1)) + (size - 1) * np.log(EXPECTED_EFFECTS)
 
 
 def _additions(
@@ -293,8 +299,9 @@ def _additions(
 ) -> list[CauseSet]:
     held = set(base.names)
     alone = scan(left, design, data_only=True, without=frozenset(held))
+    base_gain = base.log_bayes_factor - INEXACT**2 * max(base.log_bayes_factor, 0.0)
     found = [
-        CauseSet((*base.causes, alone.best[name]), base.log_bayes_factor + float(value[0]))
+        CauseSet((*base.causes, alone.best[name]), base_gain + float(value[0]))
         for name, value in alone.log_bayes_factor.items()
     ]
     excessive = {channel for cause in base.causes if cause.trial < 0 for channel in cause.channels}
