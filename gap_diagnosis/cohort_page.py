@@ -140,7 +140,7 @@ def _pairs(findings: CohortFindings) -> str:
         for one in findings.pairs[:MAX_ROWS]
     ]
     headings = [
-        say("Unit"),
+        say("Serial number"),
         say("Mounts"),
         say("Rotation x, y, z, mrad"),
         say("Rate of the stands"),
@@ -166,8 +166,8 @@ def _units(units: Sequence[Mapping[str, Any]]) -> str:
         ]
         for one in units[:MAX_ROWS]
     ]
-    headings = [say("Unit"), say("Verdict"), say("Effects"), ""]
-    return f"<section><h2>{escape(say('Units'))}</h2>{_table(headings, rows)}</section>"
+    headings = [say("Serial number"), say("Verdict"), say("Effects found"), ""]
+    return f"<section><h2>{escape(say('Units and their reports'))}</h2>{_table(headings, rows)}</section>"
 
 
 def _left_out(entries: Sequence[Mapping[str, str]]) -> str:

@@ -121,10 +121,7 @@ def variance_parts(
                 present=1.0 - float(marginal[0]),
                 explains_most=float(weight[something & (dominant == axis)].sum()),
                 deviation=_quantile(deviations, marginal, 0.5),
-                interval95=(
-                    _quantile(deviations, marginal, LEVEL_95[0]),
-                    _quantile(deviations, marginal, LEVEL_95[1]),
-                ),
+                interval95=_interval(deviations, marginal),
                 mean_square=float(np.sum(weight * table.mean_square[axis])),
                 members=_members(table, level, weight),
             )
@@ -145,6 +142,11 @@ def partitions(units: NDArray[np.int64], stands: NDArray[np.int64]) -> tuple[tup
         _, first, inverse = np.unique(codes[level], return_index=True, return_inverse=True)
         found.setdefault(tuple(int(first[i]) for i in inverse), []).append(level)
     return tuple(tuple(levels) for levels in found.values())
+
+
+def _interval(deviations: FloatArray, probability: FloatArray) -> tuple[float, float]:
+    low, high = LEVEL_95
+    return _quantile(deviations, probability, low), _quantile(deviations, probability, high)
 
 
 def _quantile(deviations: FloatArray, probability: FloatArray, at: float) -> float:

@@ -235,7 +235,9 @@ def emulated(unit, stand):
 
 @pytest.mark.slow
 def test_six_emulated_units_on_two_stands_show_whose_each_effect_is():
-    wobble = tuple(Wobble(sensor, axis="middle") for sensor in ("gyro", "acc", "mag"))
+    own = RecordingSession(RecordingOrder("mems_ahrs", "tumble", stand_seed=2)).unit.stand_effects
+    (shape,) = {(one.axis, one.harmonic) for one in own if isinstance(one, Wobble)}
+    wobble = tuple(Wobble(sensor, axis=shape[0], harmonic=shape[1]) for sensor in ("gyro", "acc", "mag"))
     trials = (
         Trial("stand.wobble", wobble, tied=True),
         Trial("gyro.g_sensitivity", (GSensitivity("gyro"),)),
