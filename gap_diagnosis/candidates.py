@@ -51,7 +51,7 @@ FIELD_HARMONICS = (1.0, 2.0, 3.0)
 RIPPLE_HARMONICS = tuple(float(n) for n in (*range(1, 25), 28, 30, 32, 36, 40, 48, 60, 64, 72, 90, 120, 180))
 SATURATION_SHARES = (0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.975, 0.985, 0.992, 0.997)
 LEAST_TURN_RAD = 0.3
-TINY = 1e-9
+REMEMBERED_ROWS = 150_000
 
 
 @dataclass(frozen=True)
@@ -210,6 +210,8 @@ def regressors(effect: CatalogueEffect, stimulus: Stimulus) -> dict[str, FloatAr
 
     An effect that is not linear is divided by its value: one unit of its scalar, at that value.
     """
+    if len(stimulus.time_s) > REMEMBERED_ROWS:
+        stimulus = dataclasses.replace(stimulus)  # what effects have it remember goes with the copy
     try:
         if isinstance(effect, LinearEffect):
             return effect.basis(stimulus)

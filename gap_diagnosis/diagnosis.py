@@ -20,8 +20,8 @@ from gap_diagnosis.attribution import Attribution, attribute
 from gap_diagnosis.candidates import Trial, has_shape, trials_for
 from gap_diagnosis.decimation import decimated
 from gap_diagnosis.direct_findings import certain_findings, oddities_of
-from gap_diagnosis.findings import Findings
 from gap_diagnosis.enough_rows import with_enough_rows
+from gap_diagnosis.findings import Findings
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
