@@ -8,8 +8,7 @@ brought to the data's by repeating (`refined_trials`).
 """
 
 import dataclasses
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -144,61 +143,104 @@ def _begun(effect: CatalogueEffect, held: Mapping[str, Any]) -> CatalogueEffect:
     return dataclasses.replace(effect, **{**type(effect).start, **held})
 
 
-def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterator[dict[str, Any]]:
+Held = dict[str, Any]
+
+
+def _shapes(name: str, kind: type[CatalogueEffect], seen: Excitation) -> Iterator[Held]:
     """Held parameters to try, coarse; the best are refined."""
-    word = kind.word
-    axes = [axis for axis, moved in zip(AXIS_NAMES, seen.turned, strict=True) if moved]
-    if word in WITH_TEMPERATURE:
-        if seen.temperature_span_c > 1.0:
-            yield {}
-    elif word == "thermal_hysteresis":
-        if seen.temperature_span_c > 2.0:
-            for width in _between(0.7, 0.6 * seen.temperature_span_c, PLAY_WIDTHS):
-                yield {"half_width_c": width}
-    elif word == "warm_up":
-        for tau in _between(max(5.0, 10 * seen.row_s), 1.2 * seen.longest_on_s, TIME_CONSTANTS):
-            yield {"time_constant_s": tau}
-    elif word == "dead_band":
-        if len(seen.rates_si):
-            low, high = np.quantile(seen.rates_si, (0.01, 0.99))
-            for width in _between(max(float(low), 1e-4), min(float(high), 0.5), BAND_WIDTHS):
-                yield {"half_width_si": width}
-    elif word == "rate_hysteresis":
-        if seen.rate_range_si > 1e-3:
-            for width in _between(2e-3, 0.5 * seen.rate_range_si, RATE_WIDTHS):
-                yield {"half_width_si": width}
-    elif word == "shock_bias_shift":
-        if seen.force_range_si > 25.0:
-            for share in (0.35, 0.5, 0.7, 0.9):
-                yield {"threshold_si": share * seen.force_range_si}
-    elif word == "bandwidth":
-        for tau in LAGS_S:
-            if tau > 0.1 * seen.row_s:
-                yield {"time_constant_s": tau}
-    elif word == "fixed_delay":
-        for delay in DELAYS_S:
-            if delay > 0.05 * seen.row_s:
-                yield {"delay_s": delay}
-    elif word == "clock_drift":
-        yield {"relative_rate": DRIFT}
-    elif word == "saturation":
-        largest = seen.largest_input_si.get(cast("SensorName", name.split(".", maxsplit=1)[0]), 0.0)
-        if largest > 0.0:
-            for share in SATURATION_SHARES:
-                yield {"range_si": share * largest}
-    elif word == "chamber_lag":
-        for tau in CHAMBER_LAGS_S:
-            yield {"time_constant_s": tau}
-    elif word in {"wobble", "motor_field", "rate_ripple", "encoder_eccentricity"}:
-        harmonics = {
-            "wobble": WOBBLE_HARMONICS,
-            "motor_field": FIELD_HARMONICS,
-            "rate_ripple": RIPPLE_HARMONICS,
-        }
-        for axis, harmonic in itertools.product(axes, harmonics.get(word, (None,))):
-            yield {"axis": axis} if harmonic is None else {"axis": axis, "harmonic": harmonic}
-    elif word == "level_drift" or issubclass(kind, LinearEffect):
+    if kind.word in _SHAPES:
+        yield from _SHAPES[kind.word](name, seen)
+    elif issubclass(kind, LinearEffect):
         yield {}
+
+
+def _over_temperature(_name: str, seen: Excitation) -> Iterator[Held]:
+    if seen.temperature_span_c > 1.0:
+        yield {}
+
+
+def _thermal_hysteresis(_name: str, seen: Excitation) -> Iterator[Held]:
+    if seen.temperature_span_c > 2.0:
+        for width in _between(0.7, 0.6 * seen.temperature_span_c, PLAY_WIDTHS):
+            yield {"half_width_c": width}
+
+
+def _warm_up(_name: str, seen: Excitation) -> Iterator[Held]:
+    for tau in _between(max(5.0, 10 * seen.row_s), 1.2 * seen.longest_on_s, TIME_CONSTANTS):
+        yield {"time_constant_s": tau}
+
+
+def _dead_band(_name: str, seen: Excitation) -> Iterator[Held]:
+    if len(seen.rates_si):
+        low, high = np.quantile(seen.rates_si, (0.01, 0.99))
+        for width in _between(max(float(low), 1e-4), min(float(high), 0.5), BAND_WIDTHS):
+            yield {"half_width_si": width}
+
+
+def _rate_hysteresis(_name: str, seen: Excitation) -> Iterator[Held]:
+    if seen.rate_range_si > 1e-3:
+        for width in _between(2e-3, 0.5 * seen.rate_range_si, RATE_WIDTHS):
+            yield {"half_width_si": width}
+
+
+def _shock(_name: str, seen: Excitation) -> Iterator[Held]:
+    if seen.force_range_si > 25.0:
+        for share in (0.35, 0.5, 0.7, 0.9):
+            yield {"threshold_si": share * seen.force_range_si}
+
+
+def _bandwidth(_name: str, seen: Excitation) -> Iterator[Held]:
+    yield from ({"time_constant_s": tau} for tau in LAGS_S if tau > 0.1 * seen.row_s)
+
+
+def _fixed_delay(_name: str, seen: Excitation) -> Iterator[Held]:
+    yield from ({"delay_s": delay} for delay in DELAYS_S if delay > 0.05 * seen.row_s)
+
+
+def _clock_drift(_name: str, _seen: Excitation) -> Iterator[Held]:
+    yield {"relative_rate": DRIFT}
+
+
+def _saturation(name: str, seen: Excitation) -> Iterator[Held]:
+    largest = seen.largest_input_si.get(cast("SensorName", name.split(".", maxsplit=1)[0]), 0.0)
+    if largest > 0.0:
+        yield from ({"range_si": share * largest} for share in SATURATION_SHARES)
+
+
+def _chamber_lag(_name: str, _seen: Excitation) -> Iterator[Held]:
+    yield from ({"time_constant_s": tau} for tau in CHAMBER_LAGS_S)
+
+
+def _about_axes(*harmonics: float) -> Callable[[str, Excitation], Iterator[Held]]:
+    def shapes(_name: str, seen: Excitation) -> Iterator[Held]:
+        for axis in (axis for axis, moved in zip(AXIS_NAMES, seen.turned, strict=True) if moved):
+            yield from ({"axis": axis, "harmonic": n} for n in harmonics)
+            if not harmonics:
+                yield {"axis": axis}
+
+    return shapes
+
+
+_SHAPES: dict[str, Callable[[str, Excitation], Iterator[Held]]] = {
+    **dict.fromkeys(
+        ("bias_temperature", "scale_factor_temperature", "misalignment_temperature", "temperature_rate"),
+        _over_temperature,
+    ),
+    "thermal_hysteresis": _thermal_hysteresis,
+    "warm_up": _warm_up,
+    "dead_band": _dead_band,
+    "rate_hysteresis": _rate_hysteresis,
+    "shock_bias_shift": _shock,
+    "bandwidth": _bandwidth,
+    "fixed_delay": _fixed_delay,
+    "clock_drift": _clock_drift,
+    "saturation": _saturation,
+    "chamber_lag": _chamber_lag,
+    "wobble": _about_axes(*WOBBLE_HARMONICS),
+    "motor_field": _about_axes(*FIELD_HARMONICS),
+    "rate_ripple": _about_axes(*RIPPLE_HARMONICS),
+    "encoder_eccentricity": _about_axes(),
+}
 
 
 def _between(low: float, high: float, count: int) -> list[float]:

@@ -1,5 +1,5 @@
 # pyright: strict
-"""Long records that move fast hold more rows than a diagnosis needs: some stretches of each minute are enough.
+"""Long records that move fast hold more rows than a diagnosis needs: a part of each minute is enough.
 
 What acted is kept whole, so that effects with a memory know it; only the rows that are compared are fewer.
 """

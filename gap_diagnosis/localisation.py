@@ -120,8 +120,8 @@ def smallest_rank_p(ranks: Sequence[FloatArray]) -> float:
 
     Data and nulls are ranked together: only so are they exchangeable where there is no gap, and p is exact.
     """
-    smallest = np.min(np.array(ranks), axis=0)
-    return float(np.mean(smallest <= smallest[0]))
+    smallest: FloatArray = np.min(np.array(ranks), axis=0)
+    return float(np.count_nonzero(smallest <= smallest[0])) / len(smallest)
 
 
 def _minus_log10_p(square: FloatArray, freedom: int) -> FloatArray:

@@ -92,7 +92,8 @@ def fit_ramp(blocks: Blocks, temperature_c: FloatArray, known_slow: SlowTerms | 
     design = np.column_stack([curve, speed, loop])
     fit = fit_correlated(design, blocks, names, WHERE, known_slow)
     count, terms = len(knots), design.shape[1]
-    table = np.arange(math.ceil(low / TABLE_STEP_C), math.floor(high / TABLE_STEP_C) + 1) * TABLE_STEP_C
+    steps = np.arange(math.ceil(low / TABLE_STEP_C), math.floor(high / TABLE_STEP_C) + 1, dtype=np.float64)
+    table = np.asarray(steps * TABLE_STEP_C, dtype=np.float64)
     middle = np.array([0.5 * (low + high)])
     to_curve, to_loop = np.zeros((len(table), terms)), np.zeros((len(table), terms))
     to_curve[:, :count] = spline_weights(knots, table) - spline_weights(knots, middle)
