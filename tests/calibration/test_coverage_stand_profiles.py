@@ -100,9 +100,9 @@ def test_sessions_of_emulated_units_are_covered(product: str) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_delays_of_swept_units_are_covered() -> None:
-    """40 units up to 8 Hz, where straight lines between their samples of 5 ms are no other dynamics."""
+    """200 units up to 8 Hz, where straight lines between their samples of 5 ms are no other dynamics."""
     pulls: list[float] = []
-    for seed in range(1, 41):
+    for seed in range(1, 201):
         twin = product_named("mems_ahrs").twin(seed, "U-0001")
         own = {(one.sensor, one.word): one for one in twin.effects}
         link, filtered = own["gyro", "fixed_delay"], own["gyro", "bandwidth"]
@@ -120,7 +120,7 @@ def test_delays_of_swept_units_are_covered() -> None:
             pulls.append(
                 (one.value - link.delay_s - filtered.time_constant_s) / (one.standard_uncertainty or 0.0)
             )
-    assert len(pulls) >= 36
+    assert len(pulls) >= 180
     check_coverage(np.array(pulls), more=0.2)
 
 
