@@ -3,6 +3,7 @@
 `testloom calibrate FOLDER…` evaluates; the words apply, show, compare and history go on with records.
 """
 
+import hashlib
 import json
 import math
 from dataclasses import dataclass
@@ -193,7 +194,28 @@ def _read_all(paths: list[Path]) -> tuple[list[_Located], list[_Result]]:
             sources.append(_Located(read_recording(path), path if path.is_dir() else path.parent, path))
         except TestloomError as error:
             refused.append(_Result(str(path), error=error))
+    _refuse_twice(sources)
     return sources, refused
+
+
+def _refuse_twice(sources: list[_Located]) -> None:
+    """The same samples twice, also of a copy: uncertainties would be too small by a root of two."""
+    seen: dict[bytes, Path] = {}
+    for source in sources:
+        told = json.dumps(source.recording.test, sort_keys=True, default=str)
+        digest = hashlib.sha256(told.encode())
+        for name, stream in sorted(source.recording.streams.items()):
+            for column, values in sorted(stream.columns.items()):
+                digest.update(f"{name}.{column}".encode())
+                digest.update(np.ascontiguousarray(values).tobytes())
+        first = seen.setdefault(digest.digest(), source.path)
+        if first is not source.path:
+            raise RecordingError(
+                "The same recording is named twice: its samples would count as two measurements.",
+                where=f"{first}, {source.path}",
+                fault=Fault.OPERATOR,
+                remedy="name each recording once.",
+            )
 
 
 def _show(console: Console, result: _Result) -> None:

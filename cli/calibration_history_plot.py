@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from calibration.records.derived_units import written_unit
 from calibration.records.history import QuantityHistory
 from cli.picture_style import picture_style
 from dut_emulator.picture_style import COLOURS, GRID
@@ -74,7 +75,7 @@ def _figure(histories: Sequence[QuantityHistory]) -> Figure:
             )
         panel.set_title(f"{history.serial} {history.sensor}: {history.name}")
         panel.set_xlabel(say("years after {date}, k = 2", date=history.points[0].time.date().isoformat()))
-        panel.set_ylabel(history.unit)
+        panel.set_ylabel(written_unit(history.unit))
         panel.ticklabel_format(axis="y", useOffset=False)
         panel.grid(**GRID)
     return figure

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from calibration.records.comparing import RecordComparison
+from calibration.records.derived_units import written_unit
 from calibration.records.history import QuantityHistory
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import RecordedBudget, StandReference, TemperatureSpan
@@ -34,7 +35,7 @@ def show_record(console: Console, record: CalibrationRecord) -> None:
         if table.row_names:
             shown.add_column("")
         for column in table.columns:
-            shown.add_column(f"{column.name}, {column.unit}", justify="right")
+            shown.add_column(f"{column.name}, {written_unit(column.unit)}", justify="right")
         for row in range(len(table.columns[0].values)):
             name = [table.row_names[row]] if table.row_names else []
             shown.add_row(*name, *(f"{column.values[row]:.6g}" for column in table.columns))
@@ -65,7 +66,7 @@ def _values(record: CalibrationRecord) -> Table:
             UNKNOWN if expanded is None else two_digits(expanded),
             UNKNOWN if expanded is None else f"{one.coverage_factor:.2f}",
             "∞" if one.degrees_of_freedom is None else f"{one.degrees_of_freedom:.4g}",
-            one.unit,
+            written_unit(one.unit),
         )
     return table
 
@@ -86,7 +87,7 @@ def _budget(record: CalibrationRecord, budget: RecordedBudget) -> Table:
             row.quantity,
             f"{row.estimate:.6g}",
             two_digits(row.standard_uncertainty),
-            row.unit,
+            written_unit(row.unit),
             say(row.distribution),
             f"{row.sensitivity:.4g}",
             f"{row.contribution:.2e}",
@@ -159,7 +160,7 @@ def show_comparison(
             f"{one.zeta:+.2f}",
             f"{one.normalised_error:+.2f}",
             f"{one.adjusted_probability:.2g}",
-            one.unit,
+            written_unit(one.unit),
             style="bold red" if one.significant else None,
         )
     console.print(table)
@@ -215,7 +216,8 @@ def show_history(console: Console, histories: Sequence[QuantityHistory]) -> None
             "Unit",
         )
         for heading in headings:
-            table.add_column(say(heading), overflow="fold")
+            number = heading in ("First", "Last", "Drift per year")  # never broken: a torn number misleads
+            table.add_column(say(heading), overflow="fold", no_wrap=number)
         for one in quantities:
             trend = one.trend
             drift = UNKNOWN
@@ -233,7 +235,7 @@ def show_history(console: Console, histories: Sequence[QuantityHistory]) -> None
                 Text(drift, style="bold" if trend.drifts else ""),
                 UNKNOWN if trend.birge_ratio is None else f"{trend.birge_ratio:.2f}",
                 Text("\n".join(beside), style="red"),
-                one.unit,
+                written_unit(one.unit),
             )
         first, last = quantities[0].points[0].time, quantities[0].points[-1].time
         console.print(table)

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from calibration.evaluations.method_evaluation import MethodEvaluation, SensorResult
+from calibration.records.derived_units import written_unit
 from calibration.records.record_parts import CalibratedQuantity
 from cli.uncertain_numbers import gum, plain
 from protocol.language import say, translated
@@ -52,12 +53,12 @@ def _table(result: SensorResult, results: int) -> Table:
     for heading in ("Quantity", "Symbol", "Value", "Unit"):
         table.add_column(say(heading), overflow="fold")
     for one in result.content.quantities:
-        table.add_row(one.name, one.symbol, _value(one), one.unit)
+        table.add_row(one.name, one.symbol, _value(one), written_unit(one.unit))
     if result.beside:
         table.add_section()
     for figure in result.beside:
         value = say("not defined here") if figure.value is None else plain(figure.value, 5)
-        table.add_row(translated(figure.name), "", value, figure.unit)
+        table.add_row(translated(figure.name), "", value, written_unit(figure.unit))
     return table
 
 

@@ -17,6 +17,8 @@ from protocol.units_of_measure import factor_to_si, is_known_unit, quantity_of
 MAX_DENOMINATORS = 4
 _LAST_DENOMINATOR = re.compile(r"(?P<head>.+)/(?P<root>sqrt)?\((?P<unit>[^()]+(?:\([^()]+\))?)\)")
 
+_PER_S = re.compile(r"/s(?:\^(?P<power>\d))?/\(s\)$")
+
 
 @dataclass(frozen=True)
 class DerivedUnit:
@@ -63,3 +65,11 @@ def derived_conversion_factor(unit_from: str, unit_to: str) -> float:
             remedy="see which unit of measure is meant.",
         )
     return given.factor / wanted.factor
+
+
+def written_unit(text: str) -> str:
+    """A unit as people write it: 'rad/s/(s)' is rad/s^2, 'm/s^2/(s)' m/s^3.
+
+    For pages only: records keep the spelling that `derived_unit` reads.
+    """
+    return _PER_S.sub(lambda found: f"/s^{int(found['power'] or 1) + 1}", text)

@@ -166,6 +166,15 @@ def test_one_bad_recording_does_not_hide_the_others(synthetic_imu, tmp_path: Pat
     assert "Traceback" not in captured.err
 
 
+def test_the_same_recording_twice_is_refused(synthetic_imu, tmp_path: Path, capsys) -> None:
+    session = station_recording(*synthetic_imu.session(14))
+    for name in "ab":
+        write_folder(session, tmp_path / name)
+    for again in ("a", "b", "."):
+        assert main(["calibrate", str(tmp_path / "a"), str(tmp_path / again)]) == 1
+        assert "named twice" in capsys.readouterr().err
+
+
 @given(st.floats(-1e6, 1e6), st.floats(1e-9, 1e3))
 def test_uncertainty_is_printed_with_two_digits_and_the_value_to_the_same_place(
     value: float, u: float
