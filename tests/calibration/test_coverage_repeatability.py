@@ -1,7 +1,7 @@
 """Repeatability over power-ons of emulated gyros: 68 and 95 % intervals hold what the turn-ons differ by.
 
-A scale factor does not change with a unit's power-on in the recorder, so each run gets a chain of effects whose
-scale factors are drawn anew. Biases that the recorder draws at power-on are not held here.
+A scale factor does not change with a unit's power-on in the recorder, so each run gets a chain of effects
+whose scale factors are drawn anew. Biases that the recorder draws at power-on are not held here.
 """
 
 import itertools
