@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from gap_diagnosis.localisation import SMALLEST_P, _minus_log10_p, ranks_of, smallest_rank_p
+from gap_diagnosis.candidates import trials_for
+from gap_diagnosis.localisation import SMALLEST_P, _minus_log10_p, localise, ranks_of, smallest_rank_p
+from gap_diagnosis.prepared import prepare
+from gap_diagnosis.search import scan
+from tests.gap_diagnosis.synthetic_observations import BELIEF, SLOW, generator, motion, observed
+
+TEMPLATES = {"gyro.g_sensitivity", "gyro.even_nonlinearity", "gyro.bias_temperature", "gyro.warm_up"}
 
 
 def test_p_over_three_families_is_uniform_where_data_and_nulls_are_alike():
@@ -34,3 +40,21 @@ def test_tail_of_a_chi_square_goes_on_where_a_float_ends(freedom):
     assert np.all(np.diff(found) >= 0.0)
     assert found[:4] == pytest.approx(-chi2.logsf(square[:4], freedom) / np.log(10.0), rel=1e-6)
     assert -np.log10(SMALLEST_P) <= found[-1] < 1e5 / 2.0 / np.log(10.0)
+
+
+@pytest.mark.slow
+def test_a_report_of_no_gap_alarms_as_often_as_it_says():
+    """200 units without a gap, levels drawn from their spread: p is uniform, within 4 binomial deviations."""
+    stimulus, p = motion(200), []
+    for seed in range(200):
+        rng = generator(1000 + seed)
+        slow = SLOW * np.exp(BELIEF.slow_spread * rng.standard_normal())
+        observations = [observed(rng, stimulus, slow=slow)]
+        trials = [one for one in trials_for(observations) if one.name in TEMPLATES]
+        prepared = prepare(observations, trials, 60, rng)
+        systems = prepared.systems()
+        scanned = scan(systems, prepared.design, data_only=False)
+        p.append(localise(prepared, systems, scanned, white=False).p)
+    for level in (0.05, 0.2, 0.5, 0.8):
+        share = float(np.mean(np.array(p) <= level))
+        assert abs(share - level) < 4.0 * np.sqrt(level * (1.0 - level) / len(p)) + 0.03, (level, share)
