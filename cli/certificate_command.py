@@ -22,21 +22,28 @@ def certificate(
         Path | None,
         typer.Option("--details", help=say("YAML with customer, laboratory, standards and tolerances.")),
     ] = None,
+    together: Annotated[
+        bool, typer.Option("--together", help=say("One certificate for all records of one unit."))
+    ] = False,
 ) -> None:
     from protocol.errors import Fault, TestloomError
 
     found = _records(records)
     added = _details(details)
-    if added.number and len(found) > 1:
+    if added.number and len(found) > 1 and not together:
         raise TestloomError(
             f"The details have one number, and there are {len(found)} calibration records.",
             where=str(details),
             fault=Fault.OPERATOR,
-            remedy="make each certificate with details of its own, or leave the number out.",
+            remedy="make each certificate with details of its own, leave the number out, or make one "
+            "certificate of a unit with --together.",
         )
     documents: dict[str, bytes] = {}
-    for record in found:
-        documents |= _documents(record, added)
+    if together:
+        documents = _unit_documents(found, added)
+    else:
+        for record in found:
+            documents |= _documents(record, added)
     for name, content in documents.items():
         _refuse_other(out / name, content)
     for name, content in documents.items():
@@ -100,6 +107,27 @@ def _documents(record: "CalibrationRecord", details: "CertificateDetails") -> di
         name = f"{stem}-{kind}-{language}"
         files[f"{name}.pdf"] = printed(document, record.canonical_json())
         files[f"{name}.json"] = document_json(document, record, details).encode()
+    return files
+
+
+def _unit_documents(found: "list[CalibrationRecord]", details: "CertificateDetails") -> dict[str, bytes]:
+    """As `_documents`, of all records of one unit at once."""
+    from calibration.certificate import unit_certificate as unit
+    from calibration.certificate.printing import printed
+
+    language = chosen_language()
+    records = unit.in_order(found)
+    attached = {record.file_name: record.canonical_json() for record in records}
+    stem = f"{records[0].file_stem}-{unit.identity_of(records)[:12]}"
+    files: dict[str, bytes] = {}
+    for kind, compose in (
+        ("certificate", unit.unit_certificate),
+        ("original-record", unit.unit_original_record),
+    ):
+        document = compose(records, details, language)
+        files[f"{stem}-{kind}-{language}.pdf"] = printed(document, attached)
+        content = unit.unit_document_json(document, records, details)
+        files[f"{stem}-{kind}-{language}.json"] = content.encode()
     return files
 
 

@@ -247,7 +247,7 @@ def _stated(x: FloatArray, y: FloatArray, blocks: Blocks, terms: SlowTerms) -> _
     dof = (density * freedom + trace) ** 2 / (density**2 * freedom + 2.0 * density * trace + square)
     told = " and ".join(f"{level:.2g} with {time_s:.3g} s" for level, time_s in terms)
     told = told.replace("with inf s", "throughout")
-    words = f"bias instability {told}, as stated" if terms else "white noise, as stated"
+    words = f"bias instability {told}, in SI units, as stated" if terms else "white noise, as stated"
     return _Hypotheses(
         values, covariance * excess[..., None, None], np.zeros(squares.shape), dof[None], (words,)
     )

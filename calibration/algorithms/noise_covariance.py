@@ -145,7 +145,7 @@ def noise_hypotheses(
             start=np.zeros(base.shape[1:]),
         )
         terms = " and ".join(f"{level:.2g} with {correlation_s:.3g} s" for level, correlation_s in known_slow)
-        return (NoiseHypothesis(base + slow, 1.0, f"bias instability {terms}, as stated"),)
+        return (NoiseHypothesis(base + slow, 1.0, f"bias instability {terms}, in SI units, as stated"),)
     if not unknown_slow:
         return (NoiseHypothesis(base, 1.0, WHITE_WORDS),)
     grid = slow_noise_grid(observations)

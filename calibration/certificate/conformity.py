@@ -7,7 +7,7 @@ limits, does not if all of it is beyond one, and is left open in between. Where 
 value is known, that interval takes the place of value ± U.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -64,6 +64,45 @@ def judgements(record: CalibrationRecord, details: CertificateDetails) -> tuple[
         for quantity in record.quantities
         if quantity.name in details.tolerances
     )
+
+
+def judgements_together(
+    records: Sequence[CalibrationRecord], details: CertificateDetails
+) -> tuple[tuple[Judgement, ...], ...]:
+    """Of each of several records of a unit. A tolerance is of every quantity of its name and kind of unit.
+
+    So one of `bias_x` in mg is an accelerometer's, and one in °/h a gyro's.
+
+    Raises:
+        CalibrationError: a tolerance fits none of the records.
+    """
+    fitting = [
+        {
+            name: details.tolerances[name]
+            for name, unit in {one.name: one.unit for one in record.quantities}.items()
+            if name in details.tolerances and _same_kind(unit, details.tolerances[name].unit)
+        }
+        for record in records
+    ]
+    for name in details.tolerances:
+        if not any(name in found for found in fitting):
+            raise _refused(
+                f"There is a tolerance of {name} in {details.tolerances[name].unit}, which none of the "
+                "records has.",
+                records[0].serial,
+            )
+    return tuple(
+        judgements(record, details.model_copy(update={"tolerances": found}))
+        for record, found in zip(records, fitting, strict=True)
+    )
+
+
+def _same_kind(unit: str, other: str) -> bool:
+    try:
+        derived_conversion_factor(unit, other)
+    except TestloomError:
+        return False
+    return True
 
 
 def judge(quantity: CalibratedQuantity, tolerance: Tolerance) -> Judgement:

@@ -71,6 +71,7 @@ class CertificateDetails(FrozenModel):
     """See the module. `tolerances`: by the name of the quantity."""
 
     number: Line = ""
+    received: date | None = None
     issued: date | None = None
     laboratory: Party = Party()
     customer: Party = Party()

@@ -91,15 +91,30 @@ class Signatures:
     kind: Literal["signatures"] = "signatures"
 
 
-Block = Facts | Paragraph | Bullets | Grid | Picture | Correlations | Signatures
+@dataclass(frozen=True)
+class Contents:
+    """The parts of a document and the pages that they begin on, found when it is set.
+
+    Attributes:
+        headings: of the columns, that of the page last.
+        rows: of texts, one for each part, whose heading is the first text.
+    """
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    kind: Literal["contents"] = "contents"
+
+
+Block = Contents | Facts | Paragraph | Bullets | Grid | Picture | Correlations | Signatures
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what is under it."""
+    """A heading and what is under it. `level`: 2 within a part of several records."""
 
     title: str
     blocks: tuple[Block, ...]
+    level: Literal[1, 2] = 1
 
 
 @dataclass(frozen=True)

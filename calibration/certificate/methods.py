@@ -29,6 +29,32 @@ def method_words(method: str, model: str, say: Say) -> MethodWords:
     return known(say)
 
 
+def method_name(method: str, model: str, say: Say) -> str:
+    """A few words, for a heading."""
+    names = {
+        "imu_calibration": say("scale factors, axes and bias on a stand"),
+        "ferraris": say("scale factors, axes and bias by hand"),
+        "multi_position": say("scale factors, axes and bias in gravity"),
+        "rate_gyro": say("line over eleven rates"),
+        "pure_lag": say("pure lag"),
+        "sinusoidal_overload": say("sinusoidal overload"),
+        "temperature_compensation": say("temperature compensation"),
+        "temperature_ramp": say("bias over temperature ramps"),
+        "thermal_network": say("thermal network"),
+        "magnetometer": say("hard and soft iron"),
+        "allan_variance": say("noise by Allan variance"),
+        "bias": say("bias at rest"),
+        "repeatability": say("repeatability"),
+        "rate_staircase": say("staircase of rates"),
+        "frequency_response": say("frequency response"),
+        "tumble": say("tumble in gravity"),
+        "swing": say("swing"),
+        "attitude_error": say("attitude error"),
+    }
+    spun = say("spin in one magnetic field") if (method, model) == ("magnetometer", "spin") else ""
+    return spun or names.get(method) or say(method.replace("_", " "))
+
+
 def _imu_calibration(say: Say) -> MethodWords:
     return MethodWords(
         say("known attitudes and turns of known angle on a stand, least squares with stated uncertainties"),

@@ -8,7 +8,7 @@ machine. Chinese is set in a font of the machine, found by name. A letter that n
 import io
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import resources
 
@@ -33,12 +33,14 @@ FIRST_CHINESE = 0x2E80
 STANDARD = "a-3b"
 
 
-def printed(document: Document, record_json: str, installed: Sequence[str] | None = None) -> bytes:
+def printed(
+    document: Document, records: str | Mapping[str, str], installed: Sequence[str] | None = None
+) -> bytes:
     """The PDF.
 
     Args:
         document: to be set.
-        record_json: of the record, attached to the pages.
+        records: JSON of the record, attached to the pages; of several by file name.
         installed: names of the machine's font families; None: look.
 
     Raises:
@@ -52,12 +54,13 @@ def printed(document: Document, record_json: str, installed: Sequence[str] | Non
             1,
             _chinese_family(document, _fonts(of_machine=True).families() if installed is None else installed),
         )
+    attached = {"record.json": records} if isinstance(records, str) else dict(records)
     layout = resources.files("calibration.certificate").joinpath("layout.typ").read_bytes()
     files = {
         "main.typ": layout,
         "document.json": words.encode(),
         "fonts.json": json.dumps(fonts).encode(),
-        "record.json": record_json.encode(),
+        "attached.json": json.dumps(attached, ensure_ascii=False).encode(),
         "qr.svg": qr_svg(document.qr_payload).encode(),
         **{name: svg.replace(FONT, fonts[-2]).encode() for name, svg in document.pictures.items()},
     }

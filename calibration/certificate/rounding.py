@@ -65,6 +65,15 @@ def column(values: Sequence[float], digits: int) -> tuple[tuple[str, ...], int]:
     return tuple(_written(value, min(last, exponent), exponent, power=False) for value in values), exponent
 
 
+def significant_digits(values: Sequence[float], uncertainty: float, most: int) -> int:
+    """Digits of the largest number, at most so many, that end at the second digit of an uncertainty."""
+    largest = max((abs(value) for value in values), default=0.0)
+    if largest == 0.0:
+        return most
+    order = _last_place(largest, 1)
+    return max(1, min(most, order - _last_place(uncertainty, UNCERTAINTY_DIGITS) + 1))
+
+
 def power_of_ten(exponent: int) -> str:
     """'10⁻⁵'."""
     return "10" + str(exponent).translate(SUPERSCRIPTS)

@@ -1,23 +1,27 @@
 # pyright: strict
 """Sections that a certificate and an original record share: what, for whom, where, with what, from what."""
 
-import math
-from collections.abc import Iterator
-from datetime import datetime
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import date, datetime
 
-from calibration.certificate.conformity import span
 from calibration.certificate.details import CertificateDetails
 from calibration.certificate.document import Block, Facts, Grid, Paragraph, Say, Section, facts
 from calibration.certificate.methods import method_words
-from calibration.certificate.rounding import column, interval, plain, power_of_ten, with_uncertainty
-from calibration.certificate.wording import capital, quantity_words, shown_unit, symbol_cell, unit_words
-from calibration.records.derived_units import derived_conversion_factor
+from calibration.certificate.result_tables import without_empty_columns
+from calibration.certificate.rounding import plain
+from calibration.certificate.wording import capital, equation_words, quantity_words, sentence_words
 from calibration.records.record import CalibrationRecord
-from calibration.records.record_parts import CalibratedQuantity, RecordTable, TableColumn, TemperatureSpan
+from calibration.records.record_parts import TemperatureSpan
 from protocol.language import translated
 
-MOST_COLUMNS = 9
-"""Wider tables are printed in parts, each with the first column."""
+PRODUCTS = {
+    "gnc_module": "GNC module",
+    "mems_ahrs": "MEMS attitude and heading reference",
+    "fog": "Fibre-optic gyro",
+    "rate_gyro_triad": "Rate gyro triad",
+    "pulse_imu": "IMU with pulse outputs",
+}
+"""Names of products for people; another product's name is its own."""
 SENSORS = {"acc": "Accelerometer", "gyro": "Gyro", "mag": "Magnetometer"}
 
 
@@ -26,23 +30,43 @@ def day(time: datetime) -> str:
     return f"{time:%Y-%m-%d %H:%M} UTC"
 
 
-def item_section(record: CalibrationRecord, details: CertificateDetails, say: Say) -> Section:
+def notices(records: Sequence[CalibrationRecord], say: Say) -> Iterator[Section]:
+    """What a reader must know before all else, framed below the title."""
+    if any(record.stand is not None and record.stand.emulated for record in records):
+        words = say("Unit and stand were emulated by software: this certifies nothing about a real unit.")
+        yield Section("", (Paragraph(words, "warning"),))
+
+
+def item_section(records: Sequence[CalibrationRecord], details: CertificateDetails, say: Say) -> Section:
     """The unit, its owner and the dates."""
-    customer = details.customer
+    customer, record = details.customer, records[0]
+    measured = [one.measured_at for one in records if one.measured_at]
+    sensors = dict.fromkeys(sensor_words(one.sensor, say) for one in records)
     rows = [
         (say("Customer"), customer.name or say("not stated")),
         (say("Address"), customer.address),
         (say("Order"), customer.reference),
-        (say("Product"), record.product),
+        (say("Product"), f"{product_words(record.product, say)} ({record.product})"),
         (say("Type"), details.unit_type),
         (say("Manufacturer"), details.manufacturer),
         (say("Serial number"), record.serial),
-        (say("Sensor"), sensor_words(record.sensor, say)),
-        (say("Measured"), day(record.measured_at) if record.measured_at else say("not stated")),
-        (say("Evaluated"), day(record.created_at)),
+        (say("Sensor"), ", ".join(sensors)),
+        (say("Received"), details.received.isoformat() if details.received else ""),
+        (say("Measured"), _days(measured) if measured else say("not stated")),
+        (say("Evaluated"), _days([one.created_at for one in records])),
         (say("Issued"), details.issued.isoformat() if details.issued else ""),
     ]
     return Section(say("Item calibrated"), (facts(rows),))
+
+
+def product_words(product: str, say: Say) -> str:
+    """The product's name for people."""
+    return say(PRODUCTS[product]) if product in PRODUCTS else capital(quantity_words(product, say))
+
+
+def _days(times: Sequence[datetime]) -> str:
+    first, last = day(min(times)), day(max(times))
+    return first if first == last else f"{first} … {last}"
 
 
 def sensor_words(sensor: str, say: Say) -> str:
@@ -53,14 +77,23 @@ def sensor_words(sensor: str, say: Say) -> str:
     return f"{say(SENSORS[kind])} {axis}".strip()
 
 
-def method_section(record: CalibrationRecord, say: Say, language: str) -> Section:
-    """Method, its source and what is corrected in it, model, frames, where the result holds."""
+def method_section(
+    record: CalibrationRecord, say: Say, language: str, before: Iterable[tuple[str, str]] = ()
+) -> Section:
+    """Method, its source and what is corrected in it, model, frames, where the result holds.
+
+    `before`: more facts, ahead of these.
+    """
     words = method_words(record.method, record.model.name, say)
     rows = [
         (say("Method"), capital(words.title)),
         (say("Source"), words.source),
         *(("" if k else say("Corrected form"), capital(one)) for k, one in enumerate(words.corrections)),
-        (say("Model"), record.model.equation or quantity_words(record.model.name, say)),
+        (
+            say("Model"),
+            equation_words(translated(record.model.equation, language), say)
+            or quantity_words(record.model.name, say),
+        ),
         *(
             (
                 say("Frame of reference, {name}", name=quantity_words(frame.name, say)),
@@ -68,39 +101,37 @@ def method_section(record: CalibrationRecord, say: Say, language: str) -> Sectio
             )
             for frame in record.frames
         ),
-        (say("Valid at"), _temperatures(record.valid_temperature)),
+        (say("Valid at"), temperatures([record.valid_temperature])),
     ]
     if record.plan is not None:
         plan = record.plan
         rows.append(
             (say("Test plan"), f"{plan.name} {plan.version}, {plan.operation}, SHA-256 {plan.sha256}")
         )
-    return Section(say("Method"), (facts(rows),))
+    return Section(say("Method"), (facts([*before, *rows]),))
 
 
-def traceability_section(record: CalibrationRecord, details: CertificateDetails, say: Say) -> Section:
-    """Stand and instruments with their due dates, recordings and software."""
-    return Section(say("Standards and traceability"), tuple(_traceability(record, details, say)))
+def traceability_section(
+    records: Sequence[CalibrationRecord], details: CertificateDetails, say: Say
+) -> Section:
+    """Stands and instruments with their due dates, recordings and software."""
+    blocks = (*_standards(records, details, say), *_sources(records, say))
+    return Section(say("Standards and traceability"), blocks)
 
 
-def _traceability(record: CalibrationRecord, details: CertificateDetails, say: Say) -> Iterator[Block]:
-    standards: list[tuple[str, ...]] = []
-    if record.stand is not None:
-        stand = record.stand
-        due = stand.calibration_due.isoformat() if stand.calibration_due else say("not stated")
-        kind = capital(quantity_words(stand.kind, say))
-        standards.append((kind, stand.id, "", "", due))
-    standards += [
-        (
-            one.name,
-            one.id,
-            one.accuracy,
-            one.certificate,
-            one.calibration_due.isoformat() if one.calibration_due else say("not stated"),
-        )
+def _standards(
+    records: Sequence[CalibrationRecord], details: CertificateDetails, say: Say
+) -> Iterator[Block]:
+    stands = {record.stand.id: record.stand for record in records if record.stand is not None}
+    rows = [
+        (capital(quantity_words(one.kind, say)), one.id, "", "", _due(one.calibration_due, say))
+        for one in stands.values()
+    ]
+    rows += [
+        (one.name, one.id, one.accuracy, one.certificate, _due(one.calibration_due, say))
         for one in details.standards
     ]
-    if standards:
+    if rows:
         headings = (
             say("Standard"),
             say("Number"),
@@ -108,144 +139,53 @@ def _traceability(record: CalibrationRecord, details: CertificateDetails, say: S
             say("Certificate"),
             say("Calibration due"),
         )
-        yield _without_empty_columns(Grid("", headings, tuple(standards), "lllll"))
+        yield without_empty_columns(Grid("", headings, tuple(rows), "lllll"))
     else:
         yield Paragraph(say("The recordings name no stand: the result is traceable to what they state only."))
-    if record.stand is not None and record.stand.emulated:
-        yield Paragraph(
-            say("Unit and stand were emulated by software: this certifies nothing about a real unit."),
-            "warning",
-        )
-    if record.stand is not None and record.stand.calibration_overdue:
+    if any(one.stand is not None and one.stand.calibration_overdue for one in records):
         yield Paragraph(
             say("The calibration of the stand was overdue at the time of the measurement."), "warning"
         )
-    day_of_use = record.time.date()
-    late = [one.name for one in details.standards if one.calibration_due and one.calibration_due < day_of_use]
+    last_use = max(record.time for record in records).date()
+    late = [one.name for one in details.standards if one.calibration_due and one.calibration_due < last_use]
     if late:
         names = ", ".join(late)
         yield Paragraph(say("Overdue at the time of the measurement: {names}.", names=names), "warning")
-    recordings = tuple((one.recording_id, one.form, one.sha256) for one in record.recordings)
-    yield Grid("", (say("Recording"), say("Form"), say("SHA-256 of the recording")), recordings, "lll")
-    commit = f", {record.code.commit}" if record.code.commit else ""
-    yield Facts(((say("Software"), record.code.package + commit),))
 
 
-def _without_empty_columns(grid: Grid) -> Grid:
-    kept = [k for k in range(len(grid.headings)) if any(row[k] for row in grid.rows)]
-
-    def choose(cells: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(cells[k] for k in kept)
-
-    rows = tuple(choose(row) for row in grid.rows)
-    return Grid(grid.title, choose(grid.headings), rows, "".join(grid.align[k] for k in kept), grid.note)
+def _due(date_due: date | None, say: Say) -> str:
+    return date_due.isoformat() if date_due else say("not stated")
 
 
-def environment_section(record: CalibrationRecord, details: CertificateDetails, say: Say) -> Section:
+def _sources(records: Sequence[CalibrationRecord], say: Say) -> Iterator[Block]:
+    recordings = dict.fromkeys(
+        (one.recording_id, say(one.form), one.sha256) for record in records for one in record.recordings
+    )
+    yield Grid("", (say("Recording"), say("Form"), say("SHA-256 of the recording")), tuple(recordings), "lll")
+    codes = dict.fromkeys(
+        record.code.package + (f", {record.code.commit}" if record.code.commit else "") for record in records
+    )
+    yield Facts(((say("Software"), "; ".join(codes)),))
+
+
+def environment_section(
+    records: Sequence[CalibrationRecord], details: CertificateDetails, say: Say
+) -> Section:
     """Temperatures, place, gravity."""
-    where = record.environment
-    gravity, latitude = where.gravity_m_s2, where.latitude_deg
+    found = [record.environment for record in records]
+    latitudes = dict.fromkeys(one.latitude_deg for one in found if one.latitude_deg is not None)
+    gravities = dict.fromkeys(one.gravity_m_s2 for one in found if one.gravity_m_s2 is not None)
     block = facts(
         [
-            (say("Temperature of the unit"), _temperatures(where.unit_temperature)),
-            (say("Temperature around it"), _temperatures(where.stand_temperature)),
+            (say("Temperature of the unit"), temperatures(one.unit_temperature for one in found)),
+            (say("Temperature around it"), temperatures(one.stand_temperature for one in found)),
             (say("Relative humidity"), details.relative_humidity),
-            (say("Latitude"), "" if latitude is None else f"{plain(latitude, 7)}°"),
-            (say("Gravity"), "" if gravity is None else f"{plain(gravity, 8)} m/s²"),
+            (say("Latitude"), ", ".join(f"{plain(one, 7)}°" for one in latitudes)),
+            (say("Gravity"), ", ".join(f"{plain(one, 8)} m/s²" for one in gravities)),
         ]
     )
     block = block if block.rows else Facts(((say("Environment"), say("not stated")),))
     return Section(say("Environment"), (block,))
-
-
-def results_grid(record: CalibrationRecord, details: CertificateDetails, say: Say) -> Grid:
-    """Every quantity of the record: value, expanded uncertainty or interval, k, degrees of freedom.
-
-    Raises:
-        TestloomError: a tolerance is in a unit that does not measure the same.
-    """
-    headings = (
-        say("Quantity"),
-        say("Symbol"),
-        say("Value"),
-        say("Expanded uncertainty U"),
-        say("Interval"),
-        say("Unit of measure"),
-        "$k",
-        say("Degrees of freedom"),
-    )
-    rows = tuple(_result(quantity, printed_unit(quantity, details), say) for quantity in record.quantities)
-    return _without_empty_columns(Grid("", headings, rows, "lcrrrlrr"))
-
-
-def printed_unit(quantity: CalibratedQuantity, details: CertificateDetails) -> str:
-    """That of its tolerance, which is the customer's; else the field's usual one."""
-    tolerance = details.tolerances.get(quantity.name)
-    return tolerance.unit if tolerance else shown_unit(quantity.unit, max(map(abs, span(quantity))))
-
-
-def _result(quantity: CalibratedQuantity, unit: str, say: Say) -> tuple[str, ...]:
-    factor = derived_conversion_factor(quantity.unit, unit)
-    value, expanded, bounds, k, freedom = quantity.value * factor, "", "", "", ""
-    text = ""
-    if quantity.interval is not None:
-        known = quantity.interval
-        lower, upper, text = interval(known.lower * factor, known.upper * factor, value)
-        bounds = f"[{lower}, {upper}], p = {plain(100.0 * known.probability, 4)} %"
-    if quantity.expanded_uncertainty is not None:
-        text, expanded = with_uncertainty(value, quantity.expanded_uncertainty * factor)
-        k = f"{quantity.coverage_factor:.2f}"
-        freedom = "∞" if quantity.degrees_of_freedom is None else plain(quantity.degrees_of_freedom, 3)
-    name = capital(quantity_words(quantity.name, say))
-    return (name, symbol_cell(quantity.symbol), text, expanded, bounds, unit_words(unit), k, freedom)
-
-
-def table_grids(table: RecordTable, digits: int, say: Say, language: str) -> tuple[Grid, ...]:
-    """A table of the record, in parts that fit the page."""
-    cells = [_printed(one, digits, say) for one in table.columns]
-    title = capital(quantity_words(table.name, say))
-    note = translated(table.note, language)
-    if table.row_names:
-        first, align = (say("Row"), tuple(translated(name, language) for name in table.row_names)), "l"
-    else:
-        first, align = cells.pop(0), "r"
-    most = math.ceil(len(cells) / max(1, math.ceil(len(cells) / (MOST_COLUMNS - 1)))) or 1
-    parts = [cells[start : start + most] for start in range(0, len(cells), most)] or [[]]
-    return tuple(
-        Grid(
-            title if len(parts) == 1 else f"{title} ({number}/{len(parts)})",
-            (first[0], *(heading for heading, _ in part)),
-            tuple(zip(first[1], *(values for _, values in part), strict=True)),
-            align + "r" * len(part),
-            note if number == len(parts) else "",
-        )
-        for number, part in enumerate(parts, start=1)
-    )
-
-
-def shown_column(one: TableColumn) -> tuple[str, tuple[float, ...]]:
-    """The unit that a column is printed in, and its numbers in it."""
-    unit = shown_unit(one.unit, max((abs(value) for value in one.values), default=0.0))
-    factor = derived_conversion_factor(one.unit, unit)
-    if factor == 1.0:
-        return unit, one.values
-    return unit, tuple(float(f"{value * factor:.12g}") for value in one.values)
-
-
-def axis_label(name: str, unit: str, say: Say) -> str:
-    """'rate, °/s'."""
-    words = capital(quantity_words(name, say))
-    return words if unit == "1" else f"{words}, {unit_words(unit)}"
-
-
-def _printed(one: TableColumn, digits: int, say: Say) -> tuple[str, tuple[str, ...]]:
-    unit, values = shown_column(one)
-    texts, exponent = column(values, digits)
-    label = axis_label(one.name, unit, say)
-    if exponent:
-        scale = power_of_ten(exponent) if unit == "1" else f"{power_of_ten(exponent)} {unit_words(unit)}"
-        label = f"{capital(quantity_words(one.name, say))}, {scale}"
-    return label, texts
 
 
 def left_out_blocks(record: CalibrationRecord, say: Say, language: str) -> tuple[Block, ...]:
@@ -253,14 +193,21 @@ def left_out_blocks(record: CalibrationRecord, say: Say, language: str) -> tuple
     if not record.not_used:
         return (Paragraph(say("Everything in the data was used.")),)
     rows = tuple(
-        (translated(one.what, language), str(one.count), translated(one.why, language))
+        (
+            sentence_words(translated(one.what, language)),
+            str(one.count),
+            sentence_words(translated(one.why, language)),
+        )
         for one in record.not_used
     )
     return (Grid("", (say("What"), say("Samples"), say("Why")), rows, "lrl"),)
 
 
-def _temperatures(span: TemperatureSpan | None) -> str:
-    if span is None:
+def temperatures(spans: Iterable[TemperatureSpan | None]) -> str:
+    """'22.6 °C … 23.4 °C' over all of them; empty where none is known."""
+    known = [one for one in spans if one is not None]
+    if not known:
         return ""
-    low, high = (f"{one:.1f}".replace("-", "−") for one in (span.low_c + 0.0, span.high_c + 0.0))
+    edges = (min(one.low_c for one in known), max(one.high_c for one in known))
+    low, high = (f"{one:.1f}".replace("-", "−") for one in (edges[0] + 0.0, edges[1] + 0.0))
     return f"{low} °C" if low == high else f"{low} °C … {high} °C"

@@ -1,23 +1,12 @@
 # pyright: strict
-"""Names and units of a record as people write them, in both languages."""
+"""Names, units and equations of a record as people write them, in both languages."""
 
 import re
 
 from calibration.certificate.document import Say
-from calibration.records.derived_units import derived_conversion_factor
-from protocol.errors import TestloomError
-from protocol.units_of_measure import is_known_unit
+from calibration.certificate.rounding import power_of_ten
 
 _PARTS = re.compile(r"(?P<stem>[a-z0-9_]*?[a-z0-9])(?:_(?P<axes>[xyz]{1,3}))?(?:_(?P<index>\d+))?")
-_SHOWN_AS = {
-    "rad": "deg",
-    "rad/s": "deg/s",
-    "rad/sqrt(s)": "deg/sqrt(h)",
-    "m/s/sqrt(s)": "m/s/sqrt(h)",
-    "T": "uT",
-}
-"""SI units inside, the field's units on paper."""
-_SMALL_TIMES = ((1e-3, "us"), (1.0, "ms"))
 _SPELLINGS = (
     ("sqrt(", "√("),
     ("degC", "°C"),
@@ -37,6 +26,17 @@ _HYPHENATED = re.compile(
     r"\b(cross|single|two|three|multi|g|g2|non) (?=axis|sensitivity|position|orthogonality)"
 )
 _SINGLE = re.compile(r"\(([^()/√^ ]+)\)")
+_LONG_NAME = re.compile(r"\b[a-z]{3,}(?:_[a-z]{3,})+\b")
+_SIGNS = (
+    (re.compile(r" - "), " − "),
+    (re.compile(r"(?<=[(=, ])-(?=[a-z])"), "−"),
+    (re.compile(r"\binv\((\w+)\)"), r"\1⁻¹"),
+    (re.compile(r"\bsum\b(?= m_)"), "Σ"),
+    (re.compile(r"\bw\b"), "ω"),
+    *((re.compile(rf"\b{name}\b"), letter) for name, letter in {**GREEK, "pi": "π"}.items()),
+    (re.compile(r"\^2"), "²"),
+)
+_WITH_EXPONENT = re.compile(r"(?<![\w.])(−?-?\d+(?:\.\d+)?)e([+-]\d+)\b")
 
 
 def quantity_words(name: str, say: Say) -> str:
@@ -46,8 +46,16 @@ def quantity_words(name: str, say: Say) -> str:
     found = _PARTS.fullmatch(name)
     if found is None:
         return name.replace("_", " ")
-    words = say(_HYPHENATED.sub(r"\1-", found["stem"].replace("_", " ")))
+    words = say(_HYPHENATED.sub(r"\1-", found["stem"].replace("_", " "))).replace("allan", "Allan")
+    if found["stem"].endswith("limit") and found["index"]:
+        return f"{words} {found['index']} %"
     return " ".join(part for part in (words, found["axes"], found["index"]) if part)
+
+
+def stem_of(name: str) -> str:
+    """'scale_factor_x' → 'scale_factor': what the axes share."""
+    found = _PARTS.fullmatch(name)
+    return found["stem"] if found else name
 
 
 def capital(words: str) -> str:
@@ -63,23 +71,24 @@ def symbol_cell(symbol: str) -> str:
 
 def unit_words(unit: str) -> str:
     """'V/(deg/s)' → 'V/(°/s)', 'ug/sqrt(Hz)' → 'µg/√Hz'."""
+    if unit == "ppm/(g)":
+        return "µg/g²"  # the same number, as data sheets have it
     text = _MICRO.sub("µ", unit)
     for spelled, written in _SPELLINGS:
         text = text.replace(spelled, written)
     return _SINGLE.sub(r"\1", text)
 
 
-def shown_unit(unit: str, largest: float = 1.0) -> str:
-    """The unit that a value is printed in: degrees for radians, also in quotients; small times in ms, µs."""
-    if unit == "s":
-        return next((small for limit, small in _SMALL_TIMES if 0.0 < largest < limit), "s")
-    candidate = _SHOWN_AS.get(unit, "")
-    if not candidate and not is_known_unit(unit):
-        candidate = re.sub(r"(?<![a-z])rad(?![a-z])", "deg", unit)
-    if not candidate:
-        return unit
-    try:
-        derived_conversion_factor(unit, candidate)
-    except TestloomError:
-        return unit
-    return candidate
+def equation_words(equation: str, say: Say) -> str:
+    """'y = M u + b; u = inv(M) (y - b)' → 'y = M u + b; u = M⁻¹ (y − b)'; long names become words."""
+    if not equation:
+        return ""
+    text = _LONG_NAME.sub(lambda found: quantity_words(found[0], say), equation)
+    for written, sign in _SIGNS:
+        text = written.sub(sign, text)
+    return f"eq|{text}"
+
+
+def sentence_words(text: str) -> str:
+    """Numbers in a sentence as pages have them: '2.7e-05' → '2.7 × 10⁻⁵'."""
+    return _WITH_EXPONENT.sub(lambda found: f"{found[1]} × {power_of_ten(int(found[2]))}", text)

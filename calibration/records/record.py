@@ -141,10 +141,14 @@ class CalibrationRecord(FrozenModel):
         return self.measured_at or self.created_at
 
     @property
+    def file_stem(self) -> str:
+        """The serial number, as files' names can have it."""
+        return "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in self.serial)
+
+    @property
     def file_name(self) -> str:
         """Of its file, by its identity."""
-        serial = "".join(letter if letter.isalnum() or letter in "-_." else "_" for letter in self.serial)
-        return f"{serial}-{self.sensor}-{self.method}-{self.sha256()[:12]}.json"
+        return f"{self.file_stem}-{self.sensor}-{self.method}-{self.sha256()[:12]}.json"
 
     def canonical_json(self) -> str:
         """The one form that this content has."""

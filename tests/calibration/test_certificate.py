@@ -16,7 +16,8 @@ from calibration.certificate.conformity import judge
 from calibration.certificate.details import CertificateDetails, Party, Tolerance, parse_details
 from calibration.certificate.document import Correlations, Document, Grid, Paragraph
 from calibration.certificate.printing import printed, qr_svg
-from calibration.certificate.wording import shown_unit, unit_words
+from calibration.certificate.units_on_paper import shown_unit
+from calibration.certificate.wording import unit_words
 from calibration.records.record import CalibrationRecord
 from calibration.records.record_parts import CalibratedQuantity, Interval
 from protocol.errors import CalibrationError, Fault
@@ -117,8 +118,10 @@ def test_results_are_written_as_far_as_they_are_known() -> None:
     assert found["$b_x"][2] == "0.0138"  # 2.41e-4 rad/s = 0.013808 deg/s
     assert found["$b_x"][4] == "°/s"
     found = {row[1]: row for grid in grids(certificate(fog(), NOTHING, "en")) for row in grid.rows}
-    assert found["$τ"][2:6] == ("242.23", "", "[239.27, 245.19], p = 99 %", "µs")
+    assert found["$τ"][2:6] == ("242.23", "", "[239.27, 245.19]", "µs")
     assert found["$T_f"][2:5] == ("500.0000", "0.0024", "")
+    (results,) = [grid for grid in grids(certificate(fog(), NOTHING, "en")) if "Symbol" in grid.headings]
+    assert results.headings[4] == "Interval, p = 99 %"
 
 
 def test_the_original_record_gives_the_readings_as_they_were_read() -> None:
@@ -162,7 +165,9 @@ def test_nobody_takes_an_emulated_units_certificate_for_a_real_one() -> None:
     record = fog()
     stand = record.stand.model_copy(update={"emulated": True, "calibration_overdue": False})
     for document in (certificate, original_record):
-        (warning,) = warnings_of(document(record.model_copy(update={"stand": stand}), NOTHING, "en"))
+        made = document(record.model_copy(update={"stand": stand}), NOTHING, "en")
+        (warning,) = warnings_of(made)
+        assert made.sections[0].blocks == (Paragraph(warning, "warning"),)  # below the title, on page 1
         assert "emulated" in warning
 
 

@@ -100,6 +100,26 @@ def test_details_are_refused_where_they_do_not_fit(folder: Path, capsys) -> None
     assert not (folder / "out").exists()
 
 
+def test_records_of_a_unit_together_are_one_certificate(folder: Path, capsys) -> None:
+    arguments = ["certificate", str(folder / "records"), "--out", str(folder / "out"), "--together"]
+    assert main(arguments) == 1
+    assert "of 2 units" in capsys.readouterr().err
+    assert not (folder / "out").exists()
+    first = rate_gyro_triad().model_copy(update={"budgets": (), "tables": (), "covariance": ()})
+    other = first.model_copy(update={"sensor": "gyro_y"})
+    for record in (first, other):
+        write_record(record, folder / "unit")
+    details = folder / "details.yaml"
+    details.write_text("number: CAL-2026-0117\n", encoding="utf-8")  # one number for one certificate
+    arguments[1] = str(folder / "unit")
+    assert main([*arguments, "--details", str(details)]) == 0
+    written = [Path(line).name for line in capsys.readouterr().out.split()]
+    assert [name.rpartition("-en.")[2] for name in written] == ["pdf", "json"] * 2
+    content = json.loads((folder / "out" / written[1]).read_text(encoding="utf-8"))
+    assert {one["sensor"] for one in content["records"]} == {first.sensor, "gyro_y"}
+    assert content["document"]["number"] == "CAL-2026-0117"
+
+
 def test_without_a_record_it_says_how_to_make_one(tmp_path: Path, capsys) -> None:
     (tmp_path / "empty").mkdir()
     assert main(["certificate", str(tmp_path / "empty"), "--out", str(tmp_path / "out")]) == 1
