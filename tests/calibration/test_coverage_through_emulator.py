@@ -46,5 +46,6 @@ def test_intervals_hold_the_truth_of_an_emulated_unit(profile: str, seeds: int) 
     if seeds < 100:
         assert np.abs(pulls).max() < 4.5
         return
-    # the stated level of the instability is an rms over units; the stand's rate is better than is taken
-    check_coverage(np.array(pulls), more=0.25)
+    # the stated level of the instability is an rms over units whose own levels are log-normal: some lie in
+    # heavier tails, most in narrower ones; the stand's rate is better than is taken
+    check_coverage(np.array(pulls), less=0.02, more=0.25)
