@@ -112,6 +112,7 @@ def _lay_out(axes: Any, name: str, values: Sequence[float], whole: bool, decades
         else:
             axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(round(math.log10(value)))))
     else:
+        axis.get_major_formatter().set_useOffset(False)
         axis.set_major_locator(MaxNLocator(nbins=6, integer=whole, steps=[1, 2, 2.5, 5, 10]))
 
 

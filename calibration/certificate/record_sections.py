@@ -20,7 +20,7 @@ from protocol.language import translated
 
 MOST_ROWS_ON_A_CERTIFICATE = 40
 """A longer table is drawn on the certificate and printed in the original record."""
-RAW_TABLES = ("reading", "residual", "sample", "correlation")
+RAW_TABLES = ("reading", "residual", "sample", "correlation", "shots", "distance", "wavelet")
 """Stems of tables that belong into the original record."""
 CORRELATIONS = "correlation"
 """Stem of tables that are not drawn."""

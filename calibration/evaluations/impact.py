@@ -99,9 +99,8 @@ def evaluate_impact(recordings: tuple[Recording, ...]) -> MethodEvaluation:
         ),
         rise,
     ]
-    result = SensorResult(
-        channel, pure_lag_content(found), recordings, _beside(recording, found, shots, frame_s)
-    )
+    content = pure_lag_content(found, shots.delays_s)
+    result = SensorResult(channel, content, recordings, _beside(recording, found, shots, frame_s))
     return method_evaluation(recordings, [result], assumptions, shots.not_used)
 
 

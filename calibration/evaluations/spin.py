@@ -20,8 +20,9 @@ from calibration.evaluations.method_evaluation import (
     stream_with,
 )
 from calibration.evaluations.spin_roll import SpinRoll, roll_against_stand
+from calibration.records.content_parts import record_table
 from calibration.records.making import RecordContent, covariance_block
-from calibration.records.record_parts import CalibratedQuantity, Model
+from calibration.records.record_parts import CalibratedQuantity, Model, RecordTable
 from protocol.language import say
 from protocol.recordings import Recording, Stream
 from protocol.units_of_measure import factor_to_si
@@ -29,6 +30,7 @@ from protocol.units_of_measure import factor_to_si
 TURNING_PART = 0.02
 """Of the highest rate: below it the stand is at rest, and its samples are of one direction."""
 RANGE_MARGIN = 0.002
+SECTORS = 36
 U_STAND_FIELD_T = 1e-8
 """Standard uncertainty of what the stand's own motors add, part of it in step with the turn."""
 
@@ -68,6 +70,7 @@ def evaluate_spin(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     paper = spin_min_max(both[used, 0], both[used, 1])
     roll = roll_against_stand(recording, dut, axis, found, both, used)
     content = _content(found, first[-1], second[-1])
+    content = replace(content, tables=(_distances(found, both[used]),))
     if roll is not None and roll.latency is not None:
         content = replace(content, quantities=(*content.quantities, _latency(roll.latency)))
     beside = (*_beside(paper, found), *_of_roll(roll))
@@ -142,6 +145,28 @@ def _content(found: SpinCoefficients, x: str, y: str) -> RecordContent:
             )
         ),
         covariance=(covariance_block(names, covariance),),
+    )
+
+
+def _distances(found: SpinCoefficients, output: FloatArray) -> RecordTable:
+    """Mean distance of the outputs from the ellipse over the angle of the spin, in `SECTORS` of a turn.
+
+    `output`: shape (n, 2), T. The model is solved for the angle, and its radius for what is left.
+    """
+    sine = (output[:, 1] - found.zero_y) * found.ratio_y / found.radius
+    alpha = found.nonorthogonality_rad
+    cosine = ((output[:, 0] - found.zero_x) / found.radius - sine * np.sin(alpha)) / np.cos(alpha)
+    sector = np.floor(np.arctan2(sine, cosine) / (2.0 * np.pi) * SECTORS).astype(np.int64) % SECTORS
+    distance = found.radius * (np.hypot(cosine, sine) - 1.0)
+    counts = np.bincount(sector, minlength=SECTORS)
+    seen = counts > 0
+    sums = np.bincount(sector, weights=distance, minlength=SECTORS)
+    middle = 2.0 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
+    return record_table(
+        "distance_from_the_ellipse",
+        ("angle", "rad", middle[seen]),
+        ("mean_distance", "T", sums[seen] / counts[seen]),
+        note="mean over sectors of a turn",
     )
 
 

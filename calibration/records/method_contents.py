@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from calibration.algorithms.allan_coefficients import AllanFit
+from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.magnetometer import UPPER, MagnetometerCoefficients
 from calibration.algorithms.overload_g_sensitivity import GSensitivity
 from calibration.algorithms.pure_lag import PureLag
@@ -27,6 +28,7 @@ from calibration.records.record_parts import (
     Model,
     RecordedBudget,
     RecordedBudgetRow,
+    RecordTable,
 )
 
 SLOPE_UNIT = "V/(rad/s)"
@@ -155,8 +157,11 @@ def _line_budgets(
     return of_slope, of_bias
 
 
-def pure_lag_content(lag: PureLag) -> RecordContent:
-    """Paper 3: the lag and the bounds that it lies between for certain."""
+def pure_lag_content(lag: PureLag, delays_s: FloatArray | None = None) -> RecordContent:
+    """Paper 3: the lag and the bounds that it lies between for certain.
+
+    `delays_s`: from each impact to the first frame that shows it, shape (shots,).
+    """
     bounds = Interval(lower=lag.lower_s, upper=lag.upper_s, probability=1.0)
     # Evenly between bounds: 95.45 % lie within 1.653 standard deviations of the middle.
     found = quantity("pure_lag", "tau", lag.lag_s, "s", lag.standard_uncertainty_s)
@@ -165,7 +170,18 @@ def pure_lag_content(lag: PureLag) -> RecordContent:
         method="pure_lag",
         model=Model(name="lag", equation="y(t) = u(t - pure_lag)"),
         quantities=(found.model_copy(update=evenly),),
+        tables=() if delays_s is None else (_shots(delays_s),),
         assumptions=(f"{lag.shots} shots, the phases of their impacts to the frames evenly spread",),
+    )
+
+
+def _shots(delays_s: FloatArray) -> RecordTable:
+    """Phases of the impacts fill one frame period evenly: a step or a hole in it shows at once."""
+    return record_table(
+        "shots",
+        ("rank", "1", np.arange(1.0, len(delays_s) + 1.0)),
+        ("first_response", "s", np.sort(delays_s)),
+        note="from the impact to the first frame that shows it, in rising order",
     )
 
 
