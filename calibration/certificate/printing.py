@@ -46,6 +46,40 @@ def printed(
     Raises:
         CalibrationError: no font has what is to be printed.
     """
+    files, fonts = _files(document, records, installed)
+    try:
+        return typst.compile(
+            files,  # pyright: ignore[reportArgumentType] - the stub forgets files by name
+            font_paths=fonts,
+            pdf_standards=STANDARD,
+            format="pdf",
+        )
+    except typst.TypstError as error:
+        raise _unprintable(str(error.args[0]), document) from None
+
+
+def pages_as_png(document: Document, records: str | Mapping[str, str], ppi: float) -> list[bytes]:
+    """Each page as a picture, for a screen; nothing is attached to it.
+
+    Raises:
+        CalibrationError: as `printed`.
+    """
+    files, fonts = _files(document, records, None)
+    try:
+        drawn = typst.compile(
+            files,  # pyright: ignore[reportArgumentType] - as above
+            font_paths=fonts,
+            format="png",
+            ppi=ppi,
+        )
+    except typst.TypstError as error:
+        raise _unprintable(str(error.args[0]), document) from None
+    return drawn if isinstance(drawn, list) else [drawn]
+
+
+def _files(
+    document: Document, records: str | Mapping[str, str], installed: Sequence[str] | None
+) -> tuple[dict[str, bytes], typst.Fonts]:
     words = json.dumps(document.as_json(), ensure_ascii=False)
     needs_chinese = any(ord(letter) >= FIRST_CHINESE for letter in words)
     fonts = [LATIN_FAMILY, SYMBOL_FAMILY]
@@ -64,15 +98,7 @@ def printed(
         "qr.svg": qr_svg(document.qr_payload).encode(),
         **{name: svg.replace(FONT, fonts[-2]).encode() for name, svg in document.pictures.items()},
     }
-    try:
-        return typst.compile(
-            files,  # pyright: ignore[reportArgumentType] - the stub forgets files by name
-            font_paths=_fonts(of_machine=needs_chinese),
-            pdf_standards=STANDARD,
-            format="pdf",
-        )
-    except typst.TypstError as error:
-        raise _unprintable(str(error.args[0]), document) from None
+    return files, _fonts(of_machine=needs_chinese)
 
 
 def qr_svg(payload: str) -> str:
