@@ -1,9 +1,12 @@
 """Calibrations that were printed as a table in a paper, for public recordings that carry no file of them.
 
 The figures are in `published_tables.json`, each with its source, by the recording's id and its unit's
-serial number. What a last digit hides is their only known uncertainty: uniform, half of it each way.
+serial number. They state no uncertainty. What a last digit hides is one: uniform, half of it each way. How
+far a fit scatters that rests on some twenty turns by hand is another, evaluated by us where the authors'
+code is public: `gyro_scatter`.
 """
 
+import dataclasses
 import json
 import math
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ TABLES_FILE = Path(__file__).with_name("published_tables.json")
 
 @dataclass(frozen=True)
 class PrintedTriad:
-    """y = M u + b as printed, SI, with the uncertainty of the last digit: shapes (3, 3) and (3,)."""
+    """y = M u + b as printed, SI, shapes (3, 3) and (3,), with the uncertainty of last digit and scatter."""
 
     matrix: FloatArray
     matrix_standard_uncertainty: FloatArray
@@ -49,7 +52,10 @@ def table_of(recording: Recording) -> PrintedTable | None:
                 table["source"],
                 float(table["gravity_m_s2"]),
                 _triad(unit["acc"], digit, digit["acc_bias_m_s2"], 1.0),
-                _triad(unit["gyro"], digit, digit["gyro_bias_deg_s"], math.pi / 180.0),
+                _with_scatter(
+                    _triad(unit["gyro"], digit, digit["gyro_bias_deg_s"], math.pi / 180.0),
+                    unit["gyro_scatter"],
+                ),
             )
     return None
 
@@ -75,3 +81,14 @@ def _triad(column: list[float], digit: dict[str, float], bias_digit: float, to_s
         # To first order an angle adds to each element off the diagonal.
         uncertainty = np.hypot(uncertainty, angle * (1.0 - np.eye(3)))
     return PrintedTriad(matrix, uncertainty, bias, np.full(3, bias_digit * to_si * half))
+
+
+def _with_scatter(triad: PrintedTriad, scatter: list[float]) -> PrintedTriad:
+    """`scatter`: standard uncertainties of M, row by row, and of b."""
+    return dataclasses.replace(
+        triad,
+        matrix_standard_uncertainty=np.hypot(
+            triad.matrix_standard_uncertainty, np.reshape(scatter[:9], (3, 3))
+        ),
+        bias_standard_uncertainty=np.hypot(triad.bias_standard_uncertainty, scatter[9:]),
+    )

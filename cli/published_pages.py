@@ -16,23 +16,26 @@ def show_reference(console: Console, reference: ComparedReference | None) -> Non
         return
     table = Table(
         header_style="bold",
+        box=None,
+        padding=(0, 2, 0, 0),
         title=say("Beside the published calibration ({source})", source=reference.source),
         caption=say(
-            "E: difference over the standard uncertainty, ours and that of a printed figure's last digit; "
-            "the published figures state none of their own"
+            "E: difference over the standard uncertainty, ours and that of the published figure; "
+            "where that stands here it was evaluated here: the source states none"
         ),
     )
-    headings = ("Coefficient", "Here", "Published", "Difference", "%", "E", "Unit")
-    for heading in headings:
+    for heading in ("Coefficient", "Here", "Published", "%", "E", "Unit"):
         # a number that is broken over two lines is read wrongly
-        table.add_column(say(heading), overflow="fold", no_wrap=heading == "Published")
+        table.add_column(say(heading), overflow="fold", no_wrap=True)
     for item in reference.comparisons:
+        evaluated = item.published_standard_uncertainty > item.standard_uncertainty / 10
         table.add_row(
             item.name,
             gum(item.value, item.standard_uncertainty),
-            plain(item.published, 6),
-            f"{item.difference:+.1e}",
-            "" if item.percent is None else f"{item.percent:+.3f}",
+            gum(item.published, item.published_standard_uncertainty)
+            if evaluated
+            else plain(item.published, 6),
+            "" if item.percent is None else f"{item.percent:+.2f}",
             f"{item.normalised_error:+.2f}",
             item.unit,
         )
