@@ -43,11 +43,10 @@ def plain_ellipsoid_doubt(points: FloatArray, compensation: FloatArray, hard_iro
     unit = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     distance = (np.linalg.norm(turned, axis=1) - 1.0) / np.linalg.norm(unit @ compensation, axis=1)
     deviation = 1.4826 * float(np.median(np.abs(distance - np.median(distance))))
-    exact = unit @ np.linalg.inv(compensation) + hard_iron
+    exact: FloatArray = unit @ np.linalg.inv(compensation) + hard_iron
     rng = np.random.default_rng(_SEED)
-    simulated = [
-        plain_ellipsoid(exact + deviation * rng.standard_normal(exact.shape)) for _ in range(SIMULATED)
-    ]
+    noise = deviation * rng.standard_normal((SIMULATED, *exact.shape))
+    simulated = [plain_ellipsoid(exact + one) for one in noise]
     truth = np.array([*(compensation[i, j] for i, j in UPPER), *hard_iron])
     bias = np.mean(simulated, axis=0) - truth
     stretch = np.arange(len(points)) * BLOCKS // len(points)
