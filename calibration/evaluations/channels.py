@@ -16,6 +16,7 @@ from calibration.evaluations.method_evaluation import (
     stream_with,
 )
 from calibration.sensor_knowledge import slow_noise
+from protocol.language import say
 from protocol.recordings import Recording, Stream
 from protocol.units_of_measure import factor_to_si
 
@@ -81,6 +82,11 @@ def stated_slow_terms(recording: Recording, kind: Kind) -> tuple[tuple[float, fl
         if math.isfinite(one.correlation_time_s)
     )
     return terms or None
+
+
+def this_power_on() -> str:
+    """Which bias it is that `stated_slow_terms` gives its uncertainty: a sentence for people."""
+    return say("bias of this power-on, at the temperature that the unit had")
 
 
 def _of_counts(recording: Recording, kind: str, key: str) -> float | None:

@@ -11,7 +11,7 @@ from calibration.algorithms.scale_factor_figures import (
     staircase_figures,
 )
 from calibration.algorithms.screening import NotUsed
-from calibration.evaluations.channels import channels_in_si, stated_slow_terms
+from calibration.evaluations.channels import channels_in_si, stated_slow_terms, this_power_on
 from calibration.evaluations.method_evaluation import (
     Beside,
     MethodEvaluation,
@@ -89,6 +89,7 @@ def _staircase(recording: Recording) -> tuple[str, StaircaseFigures, MethodEvalu
         ),
         say("Earth rate from the site's latitude and the stand's angles"),
         say("how the unit sits on the stand is part of the misalignment, not of its uncertainty"),
+        this_power_on(),
         *(
             say("noise of {channel}: {words}", channel=f"gyro_{letter}", words=words)
             for letter, words in zip(letters, found.noise, strict=True)

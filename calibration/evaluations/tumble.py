@@ -11,7 +11,7 @@ from calibration.algorithms.tumble_g_sensitivity import (
     accelerometer_quadratic,
     gyro_g_sensitivity,
 )
-from calibration.evaluations.channels import Kind, channels_in_si, stated_slow_terms
+from calibration.evaluations.channels import Kind, channels_in_si, stated_slow_terms, this_power_on
 from calibration.evaluations.method_evaluation import (
     Beside,
     MethodEvaluation,
@@ -78,6 +78,7 @@ def evaluate_tumble(recordings: tuple[Recording, ...]) -> MethodEvaluation:
             if errors
             else refused(recording, "There is no triad.", "record gyros or accelerometers")
         )
+    sentences.append(this_power_on())
     return method_evaluation(recordings, results, sentences, not_used)
 
 

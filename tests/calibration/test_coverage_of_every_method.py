@@ -1,7 +1,7 @@
 """Each method of a record has tests that hold its intervals: through the emulator, and on coloured noise.
 
-A method that is new fails this test until it has both. The table of
-docs/calibration.md names the same tests.
+A method that is new fails this test until it has both; repeatability counts once for each figure that it is
+told of. The table of docs/calibration.md names the same tests.
 """
 
 import ast
@@ -78,9 +78,13 @@ COVERED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("test_coverage_through_emulator::test_intervals_hold_the_truth_of_an_emulated_unit",),
         ("test_bias_figures::test_the_bias_holds_its_interval_where_the_slow_noise_is_stated",),
     ),
-    "repeatability": (
-        ("test_coverage_repeatability::test_turn_on_scale_factors_of_emulated_chains_are_covered",),
+    "repeatability of bias": (
+        ("test_coverage_repeatability::test_turn_on_biases_of_emulated_units_are_covered",),
         ("test_bias_figures::test_turn_on_repeatability_is_found_behind_the_noise",),
+    ),
+    "repeatability of scale_factor": (
+        ("test_coverage_repeatability::test_turn_on_scale_factors_of_emulated_chains_are_covered",),
+        ("test_coverage_repeatability::test_turn_on_scale_factors_are_covered_on_coloured_noise",),
     ),
     "rate_staircase": (
         ("test_coverage_through_emulator::test_intervals_hold_the_truth_of_an_emulated_unit",),
@@ -103,21 +107,33 @@ COVERED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("test_flight_evaluation::test_intervals_of_a_phase_cover_on_coloured_errors",),
     ),
 }
+REPEATED = "repeatability"
+SPEAKS_OF = {
+    "repeatability of bias": r"\bbias_repeatability\(",
+    "repeatability of scale_factor": r"ScaleFactorError\(|staircase_figures\(",
+}
+"""What a test of that figure calls: another figure's test does not stand in for it."""
 OF_200 = re.compile(r"\b(?:200|201|300)\b|UNITS|SEEDS|seeds|RECORDS|units\(|noise\(\)")
 
 
 def methods_of_records() -> set[str]:
-    """What makers of record contents write as method."""
+    """What makers of record contents write as method; of repeatability, what it is told of."""
     found: set[str] = set()
+    repeated: set[str] = set()
     for path in (ROOT / "calibration").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if (
-                isinstance(node, ast.keyword)
-                and node.arg == "method"
-                and isinstance(node.value, ast.Constant)
-            ):
-                found.add(str(node.value.value))
-    return found
+            if not isinstance(node, ast.Call):
+                continue
+            found |= {
+                str(one.value.value)
+                for one in node.keywords
+                if one.arg == "method" and isinstance(one.value, ast.Constant)
+            }
+            if isinstance(node.func, ast.Name) and node.func.id == "repeatability_content":
+                (figure,) = [one.value for one in node.args[:1] if isinstance(one, ast.Constant)]
+                repeated.add(f"{REPEATED} of {figure}")
+    assert REPEATED in found
+    return (found - {REPEATED}) | repeated
 
 
 def test_each_method_has_its_coverage() -> None:
@@ -140,6 +156,7 @@ def test_each_named_test_is_there_and_of_200(method: str) -> None:
             source = "\n".join(text.splitlines()[begin - 1 : found.end_lineno])
             assert "assert " in source or "check_" in source, name
             assert OF_200.search(source), name
+            assert re.search(SPEAKS_OF.get(method, ""), source), name
 
 
 def test_the_documentation_names_the_same_tests() -> None:
