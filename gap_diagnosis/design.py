@@ -90,7 +90,7 @@ def channels_of(
         for sensor, output in one.outputs.items():
             if output.noise.white_si_per_sqrt_hz is None and sensor == "temperature":
                 continue  # a unit is not as warm as its chamber: a gap only where a belief says how far
-            for axis in range(1 if sensor == "temperature" else 3):
+            for axis in range(1 if sensor == "temperature" else output.values_si.shape[1]):
                 if wanted is not None and Channel(sensor, axis) not in wanted:
                     continue
                 rows = one.usable & np.isfinite(output.residual_si[:, axis])
@@ -168,7 +168,7 @@ def _inputs(one: Observation, channel: Channel, use: NDArray[np.bool_]) -> list[
         "temperature": None,
         "gnss": None,
     }[channel.sensor]
-    if values is None:
+    if values is None or one.outputs[channel.sensor].norm is not None:  # its matrix is what is looked for
         return [np.zeros(np.count_nonzero(use)) for _ in range(3)]
     return [np.ascontiguousarray(values[use, axis]) / INPUT_SCALE[channel.sensor] for axis in range(3)]
 
@@ -190,6 +190,9 @@ def _own(
             {i for channel in mine if channel.sensor == effect.sensor for i in rows[channel]}
         ):
             columns = regressors(effect, observations[index].stimulus)
+            view = observations[index].outputs[effect.sensor].norm
+            if columns is not None and view is not None:
+                columns = {name: view.column(column) for name, column in columns.items()}
             if columns is not None:
                 said[effect.sensor, index] = columns
     names = list(dict.fromkeys(name for columns in said.values() for name in columns))

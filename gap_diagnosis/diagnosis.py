@@ -25,8 +25,8 @@ from gap_diagnosis.findings import Findings
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
 from gap_diagnosis.localisation import Localisation, localise
+from gap_diagnosis.norm_trials import norm_trials, without_the_untold
 from gap_diagnosis.observation import Channel, Observation
-from gap_diagnosis.observing import observe
 from gap_diagnosis.outcome import report_of
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.proposal import with_next_test
@@ -35,12 +35,12 @@ from gap_diagnosis.report import GapReport
 from gap_diagnosis.rivals import Rival, rivals_of_noise
 from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief, projected, scan, search
 from gap_diagnosis.spectral_lines import lines_taken_off
-from gap_diagnosis.stillness import stilled
 from gap_diagnosis.switched_field import switched_trials
 from gap_diagnosis.together import check_together
 from gap_diagnosis.unknown_heading import with_headings
 from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
+from gap_diagnosis.without_stand import observed_together
 from protocol.errors import Fault, TestloomError
 from protocol.recordings import Recording
 
@@ -90,11 +90,9 @@ def diagnose(
             remedy="name at least one recording.",
         )
     check_together(recordings)
-    observed: list[Observation] = []
-    for number, recording in enumerate(recordings):
-        progress("reading", 0.2 * number / len(recordings))
-        observed.append(stilled(observe(recording)))
+    observed, by_norm = observed_together(recordings, lambda share: progress("reading", 0.2 * share))
     observations = [reference_noted(with_enough_rows(decimated(one))) for one in lines_taken_off(observed)]
+    observations += [with_enough_rows(one) for one in by_norm]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
 
@@ -109,6 +107,7 @@ def diagnose_observations(
     progress("columns", 0.2)
     listed = with_headings(trials_for(observations, without), observations)
     offered = [*listed, *switched_trials(observations, without)]
+    offered = [*without_the_untold(offered, observations), *norm_trials(observations, without)]
     trials = claimable(offered, observations)
     beside_reference = len(trials) < len(offered)
     prepared = visible_only(prepare(observations, trials, nulls, rng, keep_columns=False))

@@ -2,14 +2,14 @@
 """What the steps of a diagnosis found, and white noise beyond belief, which none of them searched for."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gap_diagnosis.attribution import Attribution
 from gap_diagnosis.fitting import JointFit
 from gap_diagnosis.held_out import HeldOut
 from gap_diagnosis.localisation import Localisation
-from gap_diagnosis.observation import Channel, Oddity, TimingFinding
+from gap_diagnosis.observation import Channel, Observation, Oddity, TimingFinding
 from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.rivals import Rival
 from gap_diagnosis.search import EXPECTED_EFFECTS, Search
@@ -24,6 +24,15 @@ FIELD: Mapping[str, tuple[str, float]] = {
     "gnss": ("m", 1.0),
 }
 WHITE_NAMES = {"gyro": "gyro.angle_random_walk", "acc": "acc.velocity_random_walk", "mag": "mag.white_noise"}
+
+
+def field_of(channel: Channel, observations: Sequence[Observation]) -> tuple[str, float]:
+    """The unit that people read a channel in, and what one of it is in SI; '1' for plain numbers."""
+    for one in observations:
+        output = one.outputs.get(channel.sensor)
+        if output is not None and output.norm is not None and output.norm.unit is not None:
+            return output.norm.unit
+    return FIELD[channel.sensor]
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,27 @@ class NoiseBelief:
 
 
 @dataclass(frozen=True)
+class NormView:
+    """A triad of which only the length of its vector is known (see `norms`): one channel, 'mag_norm'.
+
+    Attributes:
+        along: (n, 3) what an added output changes in the length.
+        noise_si: standard deviation of a row.
+        free: elements (i, j) of the matrix that a length tells.
+        unit: of outputs in plain numbers, and what one of them was taken for in SI; None: they are in SI.
+    """
+
+    along: FloatArray
+    noise_si: float
+    free: tuple[tuple[int, int], ...]
+    unit: tuple[str, float] | None = None
+
+    def column(self, added: FloatArray) -> FloatArray:
+        """(n, 4) of what is added to the outputs (n, 3): by axis, then to their length."""
+        return np.column_stack([added, np.sum(self.along * added, axis=1)])
+
+
+@dataclass(frozen=True)
 class SensorOutput:
     """One triad's samples beside what the belief predicts.
 
@@ -48,6 +69,8 @@ class SensorOutput:
         noise: what is believed of it.
         quantum_si, range_si: as believed; 0 and infinity where nothing is.
         bandwidth_hz: of the believed filter, which `predicted_si` has passed; None: none.
+        norm: None but for a triad that is seen by its norm alone: values and prediction then are (n, 4), NaN
+            but for the last column.
     """
 
     values_si: FloatArray
@@ -56,6 +79,7 @@ class SensorOutput:
     quantum_si: float = 0.0
     range_si: float = float("inf")
     bandwidth_hz: float | None = None
+    norm: NormView | None = None
 
     @property
     def residual_si(self) -> FloatArray:
@@ -175,12 +199,14 @@ ChannelKind = Literal["deterministic", "stochastic", "timing"]
 
 @dataclass(frozen=True)
 class Channel:
-    """One axis of one triad: 'gyro_x'."""
+    """One axis of one triad, 'gyro_x'; or its norm, as axis 3."""
 
     sensor: SensorName
     axis: int
 
     @property
     def name(self) -> str:
-        """'gyro_x'; 'temperature' has one."""
-        return self.sensor if self.sensor == "temperature" else f"{self.sensor}_{AXES[self.axis]}"
+        """'gyro_x'; 'temperature' has one; 'acc_norm' is the fourth."""
+        if self.sensor == "temperature":
+            return self.sensor
+        return f"{self.sensor}_{(*AXES, 'norm')[self.axis]}"

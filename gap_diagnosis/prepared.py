@@ -179,12 +179,18 @@ def _noise_of(
     for i in by_reference:
         told = reference_density(residuals[i], observations[i].piece[rows[i]], periods[i])
         found[i] = max(found[i], told / math.sqrt(periods[i]))
+    seen_by_norm = {
+        i: view.noise_si
+        for i in residuals
+        if (view := observations[i].outputs[channel.sensor].norm) is not None
+    }
+    found |= seen_by_norm
     total = sum(len(residual) for residual in residuals.values())
     density = math.sqrt(sum(found[i] ** 2 * periods[i] * len(r) for i, r in residuals.items()) / total)
     density = max(density, SMALLEST_WHITE)
     white = {i: density / math.sqrt(period) for i, period in periods.items()}
     ratio = None
-    if belief.white_si_per_sqrt_hz and not by_reference:
+    if belief.white_si_per_sqrt_hz and not by_reference and not seen_by_norm:
         period = observations[first].sample_period_s
         rounding = output.quantum_si**2 / 12.0 * period
         ratio = 0.5 * math.log(max(density**2 - rounding, 1e-4 * density**2) / belief.white_si_per_sqrt_hz**2)

@@ -13,7 +13,14 @@ import numpy as np
 from dut_emulator.effects.effect import FloatArray, SensorName
 from gap_diagnosis.observation import AXES, Channel, Observation
 
-CELLS = {"temperature": 8, "rate": 9, "acceleration": 7, "time_since_power_on": 10, "table_angle": 8}
+CELLS = {
+    "direction": 7,
+    "temperature": 8,
+    "rate": 9,
+    "acceleration": 7,
+    "time_since_power_on": 10,
+    "table_angle": 8,
+}
 LEAST_SHARE = 0.005
 """A cell that holds a smaller share of the rows is joined to no statistic."""
 LEAST_TURN_RAD = 0.5
@@ -49,6 +56,7 @@ def regimes_of(observations: Sequence[Observation], channel: Channel) -> list[Re
     """Every variable that the recordings move, for this channel."""
     found: list[Regime] = []
     stimuli = [one.stimulus for one in observations]
+    here = [channel.sensor in one.outputs for one in observations]
     temperature = [
         s.temperature_c if one.has_temperature else None for one, s in zip(observations, stimuli, strict=True)
     ]
@@ -57,11 +65,15 @@ def regimes_of(observations: Sequence[Observation], channel: Channel) -> list[Re
         "time_since_power_on", "time_since_power_on", "s", [s.time_s - s.power_on_s for s in stimuli]
     )
     for axis, letter in enumerate(AXES):
-        forces = [None if s.specific_force_m_s2 is None else s.specific_force_m_s2[:, axis] for s in stimuli]
+        forces = [
+            s.specific_force_m_s2[:, axis] if s.specific_force_m_s2 is not None and there else None
+            for s, there in zip(stimuli, here, strict=True)
+        ]
         rates = [None if s.rate_rad_s is None else np.degrees(s.rate_rad_s[:, axis]) for s in stimuli]
         found += _regime("acceleration", f"acceleration_{letter}", "m/s^2", forces)
         if axis == channel.axis or channel.sensor != "gyro":
             found += _regime("rate", f"rate_{letter}", "deg/s", rates)
+        found += _regime("direction", f"direction_{letter}", "1", _directions(observations, channel, axis))
     for axis, name in enumerate(("outer", "middle", "inner")):
         turned = [s.angles_rad for s in stimuli if s.angles_rad is not None]
         if any(np.ptp(angles[:, axis]) > LEAST_TURN_RAD for angles in turned):
@@ -69,6 +81,18 @@ def regimes_of(observations: Sequence[Observation], channel: Channel) -> list[Re
                 None if s.angles_rad is None else np.degrees(s.angles_rad[:, axis]) % 360 for s in stimuli
             ]
             found += _regime("table_angle", f"table_angle_{name}", "deg", angles)
+    return found
+
+
+def _directions(observations: Sequence[Observation], channel: Channel, axis: int) -> list[FloatArray | None]:
+    """Of recordings that see a field by its norm: (n,) cosine between field and axis."""
+    found: list[FloatArray | None] = []
+    for one in observations:
+        output, field = one.outputs.get(channel.sensor), one.stimulus.field_t
+        if output is None or output.norm is None or field is None:
+            found.append(None)
+        else:
+            found.append(np.asarray(field[:, axis] / np.linalg.norm(field, axis=1), dtype=np.float64))
     return found
 
 

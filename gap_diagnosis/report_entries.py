@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dut_emulator.effects.parameters import scalars
-from gap_diagnosis.findings import FIELD, Findings, NoiseClaim, alike
+from gap_diagnosis.findings import Findings, NoiseClaim, alike, field_of
 from gap_diagnosis.fitting import FittedEffect
 from gap_diagnosis.held_out import HeldOut, Shrinkage
-from gap_diagnosis.observation import Channel
+from gap_diagnosis.observation import Channel, Observation
 
 MAX_NAMES = 12
 
@@ -24,7 +24,7 @@ def which(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]]
     for name, probability in ranked[:MAX_NAMES]:
         confusable = list(found.attribution.confusable.get(name, ()))
         if name in fitted:
-            entries += [_entry(one, min(probability, 1.0), confusable) for one in fitted[name]]
+            entries += [_entry(found, one, min(probability, 1.0), confusable) for one in fitted[name]]
         elif probability > 1e-4 or not entries:
             cause = next((c for s in found.search.sets for c in s.causes if c.name == name), None)
             channels = [c.name for c in cause.channels] if cause is not None else []
@@ -69,14 +69,22 @@ def which(found: Findings, noises: Sequence[NoiseClaim]) -> list[dict[str, Any]]
     return sorted(entries, key=lambda entry: -entry["probability"])
 
 
-def _entry(one: FittedEffect, probability: float, confusable: list[str]) -> dict[str, Any]:
+def _entry(found: Findings, one: FittedEffect, probability: float, confusable: list[str]) -> dict[str, Any]:
     held = {s.name: {"value": s.value, "unit": s.unit} for s in scalars(one.effect) if s.held}
+    unit, factor = field_of(one.channels[0], found.prepared.observations)
+    shown = {p.name: (p.unit, 1.0) for p in one.parameters}
+    if unit == "1":  # outputs in plain numbers: so are parameters in the unit of the field
+        shown |= {p.name: (unit, factor) for p in one.parameters if p.unit == "T"}
     return {
         "effect": one.name,
         "probability": probability,
         "channels": [c.name for c in one.channels],
         "parameters": {
-            p.name: {"value": p.value, "standard_uncertainty": p.standard_uncertainty, "unit": p.unit}
+            p.name: {
+                "value": p.value / shown[p.name][1],
+                "standard_uncertainty": p.standard_uncertainty / shown[p.name][1],
+                "unit": shown[p.name][0],
+            }
             for p in one.parameters
         },
         "confusable_with": confusable,
@@ -139,15 +147,20 @@ def shrinkage_document(found: Findings, shrinkage: Shrinkage | None) -> dict[str
     for one in found.fit.effects:
         for channel, rms in one.rms_si.items():
             by_channel[channel] = math.hypot(by_channel.get(channel, 0.0), rms)
-    return shrinkage_entry(shrinkage, found.held, by_channel)
+    return shrinkage_entry(shrinkage, found.held, by_channel, found.prepared.observations)
 
 
-def shrinkage_entry(shrinkage: Shrinkage, held: HeldOut, rms_si: Mapping[Channel, float]) -> dict[str, Any]:
+def shrinkage_entry(
+    shrinkage: Shrinkage,
+    held: HeldOut,
+    rms_si: Mapping[Channel, float],
+    observations: Sequence[Observation] = (),
+) -> dict[str, Any]:
     """`shrinkage` of a report. `rms_si`: what the effects change in each channel."""
     closed = min(max(shrinkage.fraction_closed, 0.0), 1.0)
     channels: dict[str, Any] = {}
     for channel, rms in rms_si.items():
-        unit, factor = FIELD[channel.sensor]
+        unit, factor = field_of(channel, observations)
         after = rms * math.sqrt(1.0 - closed)
         channels[channel.name] = {"before": rms / factor, "after": after / factor, "unit": unit}
     low, high = shrinkage.interval_95
@@ -166,7 +179,7 @@ def shrinkage_entry(shrinkage: Shrinkage, held: HeldOut, rms_si: Mapping[Channel
 def not_used(found: Findings) -> list[str]:
     """A sentence for each lot of rows that was set aside."""
     return [
-        f"{one.recording_id}: {part.what}, {part.count} rows: {part.why}"
+        f"{one.recording_id}: {part.what}{f', {part.count} rows' if part.count else ''}: {part.why}"
         for one in found.prepared.observations
         for part in one.set_aside
     ]

@@ -4,7 +4,7 @@
 import math
 from typing import Any
 
-from gap_diagnosis.findings import FIELD, SIGNIFICANT_P, Findings, certain_oddities
+from gap_diagnosis.findings import FIELD, SIGNIFICANT_P, Findings, certain_oddities, field_of
 from gap_diagnosis.localisation import CellFinding
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.regimes import variable_of
@@ -23,10 +23,10 @@ def where(found: Findings) -> list[dict[str, Any]]:
     cells = sorted(found.located.cells, key=lambda c: (c.p_adjusted, -abs(c.sigmas)))
     floor = 1.0 / (len(found.prepared.noise[next(iter(found.prepared.noise))].nulls.level_si) + 1)
     chosen = [c for c in cells if c.p_adjusted < SIGNIFICANT_P][:MAX_PLACES]
-    places += [_place(c, c.p_adjusted, c.p_adjusted < floor) for c in chosen]
+    places += [_place(found, c, c.p_adjusted, c.p_adjusted < floor) for c in chosen]
     for noise in sorted(found.located.noises, key=lambda n: n.p_adjusted):
         if noise.p_adjusted < SIGNIFICANT_P:
-            unit, factor = FIELD[noise.channel.sensor]
+            unit, factor = field_of(noise.channel, found.prepared.observations)
             white = next(iter(found.prepared.noise[noise.channel].white_si.values()))
             excess = white * math.sqrt(abs(1.0 - 1.0 / noise.ratio**2)) / factor
             places.append(
@@ -86,11 +86,11 @@ def _strongest(found: Findings) -> dict[str, Any]:
         if c.channel in channels and any(c.variable.startswith(v) for v in variables)
     ]
     cell = max(fitting or list(found.located.cells), key=lambda c: abs(c.sigmas))
-    return _place(cell, found.located.p, found.located.beyond_nulls)
+    return _place(found, cell, found.located.p, found.located.beyond_nulls)
 
 
-def _place(cell: CellFinding, p: float, tail: bool) -> dict[str, Any]:
-    unit, factor = FIELD[cell.channel.sensor]
+def _place(found: Findings, cell: CellFinding, p: float, tail: bool) -> dict[str, Any]:
+    unit, factor = field_of(cell.channel, found.prepared.observations)
     return {
         "channel": cell.channel.name,
         "kind": "deterministic",

@@ -119,6 +119,7 @@ def set_words(effects: tuple[str, ...]) -> str:
 def channel_words(channel: str) -> str:
     """'gyro x' for 'gyro_x'."""
     sensor, _, axis = channel.partition("_")
+    axis = say("norm") if axis == "norm" else axis
     return f"{say(ORIGINS[sensor])} {axis}".strip() if sensor in ORIGINS else channel
 
 
@@ -127,7 +128,7 @@ def channels_words(channels: Iterable[str]) -> str:
     axes: dict[str, list[str]] = {}
     for channel in dict.fromkeys(channels):
         sensor, _, axis = channel.partition("_")
-        axes.setdefault(sensor, []).append(axis)
+        axes.setdefault(sensor, []).append(say("norm") if axis == "norm" else axis)
     words = (f"{channel_words(sensor)} {', '.join(found)}".strip() for sensor, found in axes.items())
     return "; ".join(words)
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from dut_emulator.effects.effect import FloatArray, SensorName
-from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.errors import DiagnosisError, NoReference
 from gap_diagnosis.observation import SensorOutput
 from gap_diagnosis.unit_outputs import UnitTriad
 from protocol.errors import Fault
@@ -27,7 +27,8 @@ def refuse_unless_at_rest(
     """Take a unit that nothing is told of for one at rest only if its own samples say so.
 
     Raises:
-        DiagnosisError: the unit moved, or has no triad that could tell.
+        NoReference: the unit moved.
+        DiagnosisError: it has no triad that could tell.
     """
     where = f"recording {recording.recording_id}"
     remedy = "record the stand's rates (stream 'stand', rate_x …), or leave this recording out."
@@ -43,7 +44,7 @@ def refuse_unless_at_rest(
         change = _changes(triad.values_si, period_s)
         share = float(np.mean(change > largest)) if len(change) else 0.0
         if share > LEAST_SHARE:
-            raise DiagnosisError(
+            raise NoReference(
                 f"The unit moved ({sensor} changes by {float(np.quantile(change, 0.99)):.3g} in SI), "
                 "but no stand reports how.",
                 where=where,

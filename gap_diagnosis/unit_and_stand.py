@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dut_emulator.effects.effect import FloatArray, SensorName, Stimulus
 from gap_diagnosis.belief import TRIADS, TriadBelief, triad_belief
 from gap_diagnosis.doubtful_samples import set_aside_in
-from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.errors import DiagnosisError, NoReference
 from gap_diagnosis.holes import piece_numbers
 from gap_diagnosis.lattice import coarse_lattice
 from gap_diagnosis.observation import NoiseBelief, Observation, SensorOutput, SetAside, TimingFinding
@@ -28,6 +28,7 @@ from protocol.recordings import Recording
 ROOM_TEMPERATURE_C = 25.0
 LEAST_COVERAGE = 0.5
 """A column of the stand that covers less than this share of what its rates cover is left out."""
+UNPREDICTED = "the stand tells nothing that predicts it"
 ACTING: dict[SensorName, str] = {"gyro": "rate_rad_s", "acc": "specific_force_m_s2", "mag": "field_t"}
 
 
@@ -91,7 +92,7 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
         why = "the unit was at rest: what acts by motion, and the clocks, cannot be told"
         notes.append(SetAside("motion", 0, why))
     if not outputs:
-        raise DiagnosisError(
+        raise NoReference(
             "Nothing that the unit sends can be predicted from what the stand reports.",
             where=f"recording {recording.recording_id}",
             fault=Fault.DATA,
@@ -125,7 +126,7 @@ def _report(
     """What the stand says at the rows; of a unit at rest without one, that it did not turn."""
     recording = unit.recording
     if not unit.triads and unit.unread:
-        raise DiagnosisError(
+        raise NoReference(
             f"Nothing that the unit sends can be read. {' '.join(unit.unread)}",
             where=f"recording {recording.recording_id}, stream dut",
             fault=Fault.DATA,
@@ -215,7 +216,7 @@ def _outputs(
     for sensor, triad in unit.triads.items():
         acting = getattr(stimulus, ACTING[sensor])
         if acting is None:
-            said.append(SetAside(sensor, len(stimulus.time_s), "the stand tells nothing that predicts it"))
+            said.append(SetAside(sensor, len(stimulus.time_s), UNPREDICTED))
             continue
         belief = unit.beliefs[sensor]
         quantum_si = unit.quanta[sensor]

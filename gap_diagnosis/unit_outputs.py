@@ -72,6 +72,14 @@ def _direct(stream: Stream, names: list[str], sensor: SensorName, belief: TriadB
     return UnitTriad(np.stack([_column(stream, name, QUANTITY[sensor]) for name in names], axis=1))
 
 
+def plain_numbers(recording: Recording, sensor: SensorName) -> FloatArray | None:
+    """(m, 3) of a triad whose columns are plain numbers without a believed scale; None: it has none such."""
+    stream, names = recording.stream("dut"), [f"{sensor}_{axis}" for axis in AXES]
+    if not stream.has(*names) or {quantity_of(stream.units[name]) for name in names} != {"number"}:
+        return None
+    return np.stack([_column(stream, name, "number") for name in names], axis=1)
+
+
 def _pulses(stream: Stream, names: list[str], belief: TriadBelief, period_s: float) -> UnitTriad | None:
     """Mean rate over the sample period that ends with the sample; the first one has no beginning."""
     if not belief.pulses_per_si_s:
