@@ -165,7 +165,7 @@ def _searched(
     rng: np.random.Generator,
 ) -> tuple[Prepared, dict[Channel, ChannelSystem], Search]:
     """The search, again with shapes between those of the grid where the best set has clear ones."""
-    searched = prepared
+    searched, systems = prepared, {channel: one.of_data() for channel, one in systems.items()}
     found = search(systems, prepared.design, noises)
     for _ in range(SHARPENINGS):
         sharper = _sharper_trials(observations, searched, found)

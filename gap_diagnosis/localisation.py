@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincc  # pyright: ignore[reportMissingTypeStubs]
+from scipy.special import erfc, gammaincc  # pyright: ignore[reportMissingTypeStubs]
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.design import NUISANCES, CellGroup
@@ -126,8 +126,9 @@ def smallest_rank_p(ranks: Sequence[FloatArray]) -> float:
 
 def _minus_log10_p(square: FloatArray, freedom: int) -> FloatArray:
     """−log10 of the chance of a chi square as large."""
-    p: FloatArray = gammaincc(0.5 * freedom, 0.5 * np.maximum(square, 0.0))
-    far = 0.5 * np.maximum(square, 0.0) / np.log(10.0) - 0.5 * freedom  # where p is nought to the computer
+    half: FloatArray = 0.5 * np.maximum(square, 0.0)
+    p: FloatArray = erfc(np.sqrt(half)) if freedom == 1 else gammaincc(0.5 * freedom, half)
+    far = half / np.log(10.0) - 0.5 * freedom  # where p is nought to the computer
     return np.where(
         p > SMALLEST_P, -np.log10(np.maximum(p, SMALLEST_P)), np.maximum(far, -np.log10(SMALLEST_P))
     )
@@ -166,28 +167,32 @@ def _regime_statistic(group: CellGroup, system: ChannelSystem) -> FloatArray:
 
 
 def _each_cell(group: CellGroup, system: ChannelSystem) -> tuple[list[FloatArray], list[_Cell]]:
-    weighted = system.log_likelihood[: system.believed] + system.log_weight[: system.believed, np.newaxis]
+    use = slice(0, system.believed)
+    weighted = system.log_likelihood[use] + system.log_weight[use, np.newaxis]
     weight = np.exp(weighted - log_sum_exp(weighted, 0))  # (h, j)
-    statistics: list[FloatArray] = []
-    cells: list[_Cell] = []
-    for cell, column in enumerate(group.columns - NUISANCES):
-        information = weight.T @ system.gram[: system.believed, column, column]
-        cross = np.sum(weight * system.cross[: system.believed, column], axis=0)
-        seen = information > 1e-6 * np.median(np.abs(information)) + 1e-300
-        sigmas = np.where(seen, cross / np.sqrt(np.where(seen, information, 1.0)), 0.0)
-        statistic = _minus_log10_p(sigmas**2, 1)
-        statistics.append(statistic)
-        found = CellFinding(
-            group.channel,
-            group.regime.variable,
-            float(group.regime.edges[cell]),
-            float(group.regime.edges[cell + 1]),
-            group.regime.unit,
-            float(sigmas[0]),
-            float(cross[0] / information[0]) if seen[0] else 0.0,
-            1.0,
+    place = group.columns - NUISANCES
+    information = system.gram[use][:, place, place].T @ weight  # (cells, j)
+    cross = np.einsum("hj,hcj->cj", weight, system.cross[use][:, place])
+    usual = np.median(np.abs(information), axis=1, keepdims=True)
+    seen = information > 1e-6 * usual + 1e-300
+    sigmas = np.where(seen, cross / np.sqrt(np.where(seen, information, 1.0)), 0.0)
+    statistics = list(_minus_log10_p(sigmas**2, 1))
+    cells = [
+        (
+            CellFinding(
+                group.channel,
+                group.regime.variable,
+                float(group.regime.edges[cell]),
+                float(group.regime.edges[cell + 1]),
+                group.regime.unit,
+                float(sigmas[cell, 0]),
+                float(cross[cell, 0] / information[cell, 0]) if seen[cell, 0] else 0.0,
+                1.0,
+            ),
+            float(statistics[cell][0]),
         )
-        cells.append((found, float(statistic[0])))
+        for cell in range(len(place))
+    ]
     return statistics, cells
 
 

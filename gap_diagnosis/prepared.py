@@ -3,7 +3,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,12 +55,15 @@ class Prepared:
         design: columns and blocks.
         noise: by channel.
         moments: channel → recording → statistics.
+        found: systems over all recordings, once somebody has asked for them; of these `moments` and `noise`,
+            whatever blocks the design offers.
     """
 
     observations: tuple[Observation, ...]
     design: Design
     noise: Mapping[Channel, ChannelNoise]
     moments: Mapping[Channel, Mapping[int, RecordingMoments]]
+    found: dict[Channel, ChannelSystem] = field(default_factory=dict[Channel, ChannelSystem], repr=False)
 
     @property
     def mounts(self) -> tuple[str, ...]:
@@ -71,6 +74,13 @@ class Prepared:
 
     def systems(self, recordings: Sequence[int] | None = None) -> dict[Channel, ChannelSystem]:
         """The channels' systems over all recordings, or over some."""
+        if recordings is None:
+            if not self.found:
+                self.found.update(self._systems(None))
+            return dict(self.found)
+        return self._systems(recordings)
+
+    def _systems(self, recordings: Sequence[int] | None) -> dict[Channel, ChannelSystem]:
         found: dict[Channel, ChannelSystem] = {}
         for channel, by_recording in self.moments.items():
             chosen = {i: m for i, m in by_recording.items() if recordings is None or i in recordings}

@@ -10,6 +10,7 @@ noise and slow noise of a drawn level add to Xᵀn and Zᵀn is normal with a kn
 costs as many operations as there are columns, not rows.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -71,6 +72,11 @@ class ChannelSystem:
     log_weight: FloatArray
     believed: int
     shape: NDArray[np.int64]
+
+    def of_data(self) -> "ChannelSystem":
+        """Without the simulated nulls: a search weighs the data alone."""
+        cross, log_likelihood = self.cross[..., :1].copy(), self.log_likelihood[:, :1].copy()
+        return dataclasses.replace(self, cross=cross, log_likelihood=log_likelihood)
 
 
 def moments(
@@ -153,43 +159,64 @@ def channel_system(
     parts: dict[str, list[int]] = {}
     for index in by_recording:
         parts.setdefault(mounts[index], []).append(index)
-    gram = cross = likelihood = 0.0
+    gram = cross = None
+    likelihood = 0.0
     for group in parts.values():
-        mount_gram = mount_cross = 0.0
+        mount_gram = mount_cross = None
         for index in group:
             one_gram, one_cross, one_likelihood = recording_system(by_recording[index], of, white_si[index])
-            mount_gram = mount_gram + one_gram
-            mount_cross = mount_cross + one_cross
+            mount_gram = _plus(one_gram, mount_gram)
+            mount_cross = _plus(one_cross, mount_cross)
             likelihood = likelihood + one_likelihood
         inner_gram, inner_cross, of_matrix = _without(
             np.asarray(mount_gram), np.asarray(mount_cross), NUISANCES - 1, 1.0 / matrix_prior_si**2
         )
-        gram, cross, likelihood = gram + inner_gram, cross + inner_cross, likelihood + of_matrix
+        gram, cross = _plus(inner_gram, gram), _plus(inner_cross, cross)
+        likelihood = likelihood + of_matrix
     return ChannelSystem(
         np.asarray(gram), np.asarray(cross), np.asarray(likelihood), of.log_weight, of.believed, of.shape
     )
 
 
+def _plus(new: FloatArray, total: FloatArray | None) -> FloatArray:
+    """The sum in `new`'s place: these are the largest arrays of a diagnosis."""
+    if total is not None:
+        new += total
+    return new
+
+
 def recording_system(
     one: RecordingMoments, of: Levels, white_si: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """At each level, the bias of the run projected out: (h, p − 1, p − 1), (h, p − 1, j), (h, j)."""
-    gram = np.empty((len(of), *one.gram.shape))
-    cross = np.empty((len(of), *one.cross.shape))
-    likelihood = np.empty((len(of), one.cross.shape[1]))
+    """At each level, the bias of the run projected out: (h, p − 1, p − 1), (h, p − 1, j), (h, j).
+
+    The bias leaves by one more row of what is taken off: with slow noise taken off, s = (XᵀC⁻¹X)₀₀ + its
+    prior's precision, and the row is (XᵀC⁻¹X)₀ / √s. The matrix of all columns is gone through once a level.
+    """
+    columns, simulated = len(one.gram) - 1, one.cross.shape[1]
+    gram = np.empty((len(of), columns, columns))
+    cross = np.empty((len(of), columns, simulated))
+    likelihood = np.empty((len(of), simulated))
+    precision = RIDGE * float(one.gram[0, 0])
     for shape, (strengths, modes) in enumerate(one.knots.modes):
         seen, seen_cross = modes.T @ one.summed, modes.T @ one.summed_cross
+        taken = np.empty((len(strengths) + 1, columns))
+        taken_cross = np.empty((len(strengths) + 1, simulated))
         for level in np.flatnonzero(of.shape == shape):
             square = (of.level_si[level] / white_si) ** 2
-            weights = square / (1.0 + square * strengths)
-            weighted = weights[:, np.newaxis] * seen_cross
-            root = np.sqrt(weights)[:, np.newaxis] * seen
-            gram[level] = one.gram - root.T @ root
-            cross[level] = one.cross - seen.T @ weighted
-            explained = np.sum(seen_cross * weighted, axis=0)
-            likelihood[level] = 0.5 * (explained - np.sum(np.log1p(square * strengths)))
-    inner_gram, inner_cross, of_bias = _without(gram, cross, 1, RIDGE * float(one.gram[0, 0]))
-    return inner_gram, inner_cross, likelihood + of_bias
+            root = np.sqrt(square / (1.0 + square * strengths))[:, np.newaxis]
+            np.multiply(root, seen[:, 1:], out=taken[:-1])
+            np.multiply(root, seen_cross, out=taken_cross[:-1])
+            ones = root[:, 0] * seen[:, 0]
+            head = float(one.gram[0, 0] - ones @ ones) + precision
+            taken[-1] = (one.gram[0, 1:] - ones @ taken[:-1]) / np.sqrt(head)
+            taken_cross[-1] = (one.cross[0] - ones @ taken_cross[:-1]) / np.sqrt(head)
+            np.subtract(one.gram[1:, 1:], taken.T @ taken, out=gram[level])
+            np.subtract(one.cross[1:], taken.T @ taken_cross, out=cross[level])
+            explained = np.einsum("kj,kj->j", taken_cross, taken_cross)
+            log_determinant = np.sum(np.log1p(square * strengths)) + np.log(head / precision)
+            likelihood[level] = 0.5 * (explained - log_determinant)
+    return gram, cross, likelihood
 
 
 def _without(
@@ -199,8 +226,10 @@ def _without(
     head = gram[:, :count, :count] + precision * np.eye(count)
     solved = np.linalg.solve(head, gram[:, :count, count:])
     solved_cross = np.linalg.solve(head, cross[:, :count])
-    inner_gram = gram[:, count:, count:] - np.swapaxes(gram[:, :count, count:], 1, 2) @ solved
-    inner_cross = cross[:, count:] - np.swapaxes(gram[:, :count, count:], 1, 2) @ solved_cross
+    inner_gram = np.swapaxes(gram[:, :count, count:], 1, 2) @ -solved
+    inner_gram += gram[:, count:, count:]
+    inner_cross = np.swapaxes(gram[:, :count, count:], 1, 2) @ -solved_cross
+    inner_cross += cross[:, count:]
     _, log_determinant = np.linalg.slogdet(head / precision)
     gain = 0.5 * np.sum(cross[:, :count] * solved_cross, axis=1)
     return inner_gram, inner_cross, gain - 0.5 * log_determinant[:, np.newaxis]
