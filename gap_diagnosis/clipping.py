@@ -1,10 +1,11 @@
 # pyright: strict
 """Values that stand at their extreme while the prediction goes beyond, inside the believed range.
 
-A stop is seen where many values are one and the same extreme, where they would not be by chance of the
-quantum, and where what is predicted lies beyond it. A stop at both sides, or at the only side that was
-reached, is the catalogue's saturation; one that the other side of the same axis, driven as far, does not
-have is not in the catalogue.
+A stop is seen, on each axis by itself, where many values are one and the same extreme, where they would not
+be by chance of the quantum, and where what is predicted lies beyond it. Where nothing is predicted, the
+extreme must come in runs and far more often than values near it. A stop at both sides, or at the only side
+that was reached, is the catalogue's saturation; one that the other side of the same axis, driven as far,
+does not have is not in the catalogue.
 """
 
 import dataclasses
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import SI_UNIT, FloatArray, SensorName
-from gap_diagnosis.doubtful_samples import RANGE_MARGIN
+from gap_diagnosis.doubtful_samples import RANGE_MARGIN, piled_up
 from gap_diagnosis.lattice import sample_noise
 from gap_diagnosis.observation import AXES, Oddity, SensorOutput, SetAside, TimingFinding
 
@@ -56,6 +57,7 @@ def clipped(
     for axis in range(output.values_si.shape[1]):
         values, predicted = sent_si[:, axis], output.predicted_si[:, axis]
         sides = {sign: _stop(axis, sign, values, predicted, output.quantum_si) for sign in (1.0, -1.0)}
+        sides |= {s: _unseen_stop(axis, s, values, predicted) for s, stop in sides.items() if stop is None}
         end_si = (1.0 - RANGE_MARGIN) * output.range_si - output.quantum_si
         found = {
             sign: stop for sign, stop in sides.items() if stop is not None and abs(stop.level_si) < end_si
@@ -63,7 +65,8 @@ def clipped(
         stops += found.values()
         if len(found) == 1:
             ((sign, stop),) = found.items()
-            if _goes_on(-sign, abs(stop.level_si), values, predicted, output.quantum_si):
+            meant = np.where(np.isfinite(predicted), predicted, values)
+            if _goes_on(-sign, abs(stop.level_si), values, meant, output.quantum_si):
                 oddities.append(_one_sided(sensor, stop))
         if len(found) == 2 and not _alike(list(found.values())):
             oddities.append(_one_sided(sensor, min(found.values(), key=lambda stop: abs(stop.level_si))))
@@ -101,6 +104,20 @@ def _stop(
     beyond = meant[rows] - level
     goes_beyond = np.mean(beyond > 0) > LEAST_BEYOND and float(beyond.max()) > BEYOND_SIGMAS * noise
     if not goes_beyond or count < TIMES_THE_NEXT * below:
+        return None
+    return Stop(axis, sign * level, rows)
+
+
+def _unseen_stop(axis: int, sign: float, values: FloatArray, predicted: FloatArray) -> Stop | None:
+    """Runs of one and the same extreme where nobody tells the motion, more of them than of values near."""
+    unseen: FloatArray = np.where(np.isfinite(predicted), np.nan, values)
+    if not np.isfinite(unseen).any():
+        return None
+    level = float(np.nanmax(sign * unseen))
+    with np.errstate(invalid="ignore"):
+        rows: NDArray[np.bool_] = piled_up(unseen) & (sign * unseen >= level)
+        beyond = bool((sign * values > level).any())
+    if rows.sum() < LEAST_STOPPED or level <= 0.0 or beyond:
         return None
     return Stop(axis, sign * level, rows)
 

@@ -37,6 +37,7 @@ from gap_diagnosis.search import Cause, Scan, Search, SlowExcess, beyond_belief,
 from gap_diagnosis.spectral_lines import lines_taken_off
 from gap_diagnosis.switched_field import switched_trials
 from gap_diagnosis.together import check_together
+from gap_diagnosis.unknown_drift import drift_noted, without_drifts
 from gap_diagnosis.unknown_heading import with_headings
 from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
@@ -91,7 +92,8 @@ def diagnose(
         )
     check_together(recordings)
     observed, by_norm = observed_together(recordings, lambda share: progress("reading", 0.2 * share))
-    observations = [reference_noted(with_enough_rows(decimated(one))) for one in lines_taken_off(observed)]
+    observations = [with_enough_rows(decimated(one)) for one in lines_taken_off(observed)]
+    observations = [drift_noted(reference_noted(one)) for one in observations]
     observations += [with_enough_rows(one) for one in by_norm]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 
@@ -107,6 +109,7 @@ def diagnose_observations(
     progress("columns", 0.2)
     listed = with_headings(trials_for(observations, without), observations)
     offered = [*listed, *switched_trials(observations, without)]
+    offered = without_drifts(offered, observations)
     offered = [*without_the_untold(offered, observations), *norm_trials(observations, without)]
     trials = claimable(offered, observations)
     beside_reference = len(trials) < len(offered)

@@ -55,11 +55,11 @@ def saturated(
     for axis in range(values_si.shape[1]):
         unseen = np.isnan(predicted_si[:, axis]) | (not np.isfinite(range_si))
         if unseen.any():
-            at_end[:, axis] |= _piled_up(values_si[:, axis]) & unseen
+            at_end[:, axis] |= piled_up(values_si[:, axis]) & unseen
     return at_end
 
 
-def _piled_up(values: FloatArray) -> BoolArray:
+def piled_up(values: FloatArray) -> BoolArray:
     """(n,) runs of equal values at the largest or least, if these are too many for a tail."""
     found = np.zeros(len(values), dtype=bool)
     there = values[np.isfinite(values)]
@@ -110,6 +110,12 @@ def _moves(stretch: FloatArray, whole: FloatArray, quantum_si: float) -> bool:
     return bool(span > MOVED_QUANTA * quantum_si and span > MOVED_SHARE * np.ptp(all_seen, axis=0).max() > 0)
 
 
+def _where_saturated(largest: float, range_si: float) -> str:
+    if largest > 0.99 * range_si:
+        return "at the end of the range, which the simulator has too"
+    return "at the largest value there is, again and again"
+
+
 def set_aside_in(
     sensor: str, values_si: FloatArray, predicted_si: FloatArray, range_si: float, quantum_si: float
 ) -> tuple[FloatArray, list[SetAside]]:
@@ -119,7 +125,10 @@ def set_aside_in(
     said: list[SetAside] = []
     for axis, name in enumerate(AXES):
         if count := int(clipped[:, axis].sum()):
-            said.append(SetAside(f"{sensor}_{name}", count, "saturated: at the end of the range"))
+            largest = float(np.abs(values_si[clipped[:, axis], axis]).max())
+            said.append(
+                SetAside(f"{sensor}_{name}", count, f"saturated: {_where_saturated(largest, range_si)}")
+            )
     if count := int(stuck.sum()):
         said.append(SetAside(sensor, count, "frozen: the same frame again and again"))
     if said:

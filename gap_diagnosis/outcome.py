@@ -78,10 +78,7 @@ def _verdict(
     deterministic = [cause for cause in best.causes if cause.trial >= 0] if best is not None else []
     probability = found.attribution.probability
     if best is None or (found.search.sets and not found.search.sets[0].causes):
-        named = [claim.name for claim in noises] + [finding.effect for finding in found.timing]
-        if any(alike(finding) for finding in found.timing):
-            return "confusable", None
-        return ("attributed", None) if named else ("unattributed", _describe(found.located))
+        return _without_a_set(found, noises)
     if found.rivals:
         rival = found.rivals[0]
         return (
@@ -106,6 +103,16 @@ def _verdict(
     if found.attribution.class_probability >= NAMED_PROBABILITY:
         return "confusable", None
     return "unattributed", "no set of effects is likely enough"
+
+
+def _without_a_set(found: Findings, noises: Sequence[NoiseClaim]) -> tuple[Verdict, str | None]:
+    """The verdict where all that is named shows by itself: but for a delay, that moves no cell's mean."""
+    if any(alike(finding) for finding in found.timing):
+        return "confusable", None
+    left = min((cell.p_adjusted for cell in found.located.cells), default=1.0)
+    if (noises or found.timing) and left > REMAINDER_P:
+        return "attributed", None
+    return "unattributed", _describe(found.located)
 
 
 def _describe(located: Localisation) -> str:

@@ -32,6 +32,9 @@ def observed_together(
             observed.append(stilled(observe(recording)))
         except NoReference as error:
             refused.append((recording, error))
+    unpredicted = any(note.why == UNPREDICTED for one in observed for note in one.set_aside)
+    if not refused and not unpredicted:
+        return observed, []
     predicted: frozenset[SensorName] = frozenset(sensor for one in observed for sensor in one.outputs)
     units = [unit_side(one) for one in recordings]
     by_norm = norm_observations(recordings, units, predicted)
