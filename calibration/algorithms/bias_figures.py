@@ -1,22 +1,19 @@
-"""Bias, bias stability and repeatability of a triad or of any number of channels.
+"""Bias and bias stability of a triad or of any number of channels.
 
     bias             mean output at rest, less what truly acts (Earth rate, gravity)
     bias stability   standard deviation of averages of 10 s over one hour (GJB 2426A: 零偏稳定性)
-    repeatability    standard deviation of the bias over runs (GJB 2426A: 零偏重复性); without a power cycle
-                     between them, or with one: turn-on repeatability (IEEE 528: run-to-run)
 
 The bias stability of IEEE 952 is the floor of the Allan deviation (`allan_coefficients`): another quantity.
 The standard deviation of averages also holds white noise (S / 10 s) and whatever slower drifts an hour has;
 both are what GJB asks for, so nothing is taken out, and the trend is stated beside.
 
-Earth rate is never silent: every function takes what truly acted, with its uncertainty.
+Earth rate is never silent: every function takes what truly acted, with its uncertainty. Neither is a quantum
+that noise does not blur: what it hides of a mean is handed over (`quantized_mean`).
 """
 
 # pyright: strict
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs,reportUnknownVariableType]
@@ -35,13 +32,9 @@ from calibration.algorithms.screening import NotUsed
 BIAS_DURATION_S = 180.0
 STABILITY_DURATION_S = 3600.0
 STABILITY_AVERAGE_S = 10.0
-REPEATABILITY_RUNS = 6
-REPEATABILITY_DURATION_S = 600.0
 BLOCKS_OF_A_BIAS = 60
 MAX_LOST_FRACTION = 0.1
 """Of a record's blocks; beyond it the record is not the one that was asked for."""
-
-Condition = Literal["same_power_on", "each_power_on"]
 
 
 @dataclass(frozen=True)
@@ -88,6 +81,7 @@ class BiasFigure:
         covariance: shape (m, m); the channels' noise is independent.
         trend_per_s, trend_standard_uncertainty: slope over the record, (m,): a unit that still warms up.
         true_input, noise: what was assumed.
+        of_quantum: standard uncertainty that the quantum adds to the mean, (m,).
         not_used: what the bias does not rest on.
     """
 
@@ -96,8 +90,15 @@ class BiasFigure:
     trend_per_s: FloatArray
     trend_standard_uncertainty: FloatArray
     true_input: TrueInput
+    of_quantum: FloatArray
     noise: tuple[str, ...]
     not_used: tuple[NotUsed, ...]
+
+    @property
+    def of_mean(self) -> FloatArray:
+        """Standard uncertainty of the mean alone, (m,): what truly acts stays out."""
+        variance = self.standard_uncertainty**2 - self.true_input.standard_uncertainty**2
+        return np.sqrt(np.maximum(variance, 0.0))
 
     @property
     def standard_uncertainty(self) -> FloatArray:
@@ -113,6 +114,7 @@ def bias(
     duration_s: float = BIAS_DURATION_S,
     range_limit: float | None = None,
     known_slow: SlowTerms | None = None,
+    of_quantum: FloatArray | float = 0.0,
     where: str = "bias",
 ) -> BiasFigure:
     """The bias from a rest of at least `duration_s`; all of it is used.
@@ -125,6 +127,7 @@ def bias(
         range_limit: see `block_means`.
         known_slow: see `correlated_fit`. With an infinite correlation time (turn-on repeatability) the bias
             stands for the unit, without it for this power-on.
+        of_quantum: standard uncertainty of each channel's mean by its quantum, (m,) or one for all, SI.
         where: for errors.
 
     Raises:
@@ -135,13 +138,15 @@ def bias(
     ones = np.ones((len(record.blocks.middle_s), 1))
     fit = fit_correlated(ones, record.blocks, ("bias",), where, known_slow)
     trend, u_trend = _trend(record, where, known_slow)
-    variance = fit.covariance[:, 0, 0] + true_input.standard_uncertainty**2
+    by_quantum = np.asarray(np.broadcast_to(of_quantum, output.shape[1]), dtype=np.float64)
+    variance = fit.covariance[:, 0, 0] + true_input.standard_uncertainty**2 + by_quantum**2
     return BiasFigure(
         bias=fit.values[:, 0] - true_input.value,
         covariance=np.eye(len(variance)) * variance,
         trend_per_s=trend,
         trend_standard_uncertainty=u_trend,
         true_input=true_input,
+        of_quantum=by_quantum,
         noise=fit.noise,
         not_used=record.not_used,
     )
@@ -157,6 +162,7 @@ class BiasStability:
         averages: how many.
         average_s, duration_s: of one average; of all.
         trend_per_s, trend_standard_uncertainty: (m,); a trend r over T adds r T / sqrt(12) to s.
+        of_quantum: standard uncertainty that the quantum adds to each average, (m,).
         noise, not_used: as `BiasFigure`.
     """
 
@@ -167,17 +173,18 @@ class BiasStability:
     duration_s: float
     trend_per_s: FloatArray
     trend_standard_uncertainty: FloatArray
+    of_quantum: FloatArray
     noise: tuple[str, ...]
     not_used: tuple[NotUsed, ...]
 
     @property
     def standard_uncertainty(self) -> FloatArray:
-        """Of s, for normal noise: s / sqrt(2 nu), shape (m,)."""
-        return self.stability / np.sqrt(2.0 * self.degrees_of_freedom)
+        """Of s, for normal noise: s / sqrt(2 nu), with the quantum's part, shape (m,)."""
+        return np.hypot(self.stability / np.sqrt(2.0 * self.degrees_of_freedom), self.of_quantum)
 
     def interval(self, probability: float) -> FloatArray:
         """What another hour's expected s lies in, shape (m, 2): chi-square with nu degrees of freedom."""
-        return scatter_interval(self.stability, self.degrees_of_freedom, probability)
+        return scatter_interval(self.stability, self.degrees_of_freedom, probability, self.of_quantum)
 
 
 def bias_stability(
@@ -188,6 +195,7 @@ def bias_stability(
     duration_s: float = STABILITY_DURATION_S,
     range_limit: float | None = None,
     known_slow: SlowTerms | None = None,
+    of_quantum: FloatArray | float = 0.0,
     where: str = "bias stability",
 ) -> BiasStability:
     """Standard deviation of averages of `average_s` over the first `duration_s` of a record.
@@ -211,131 +219,34 @@ def bias_stability(
         duration_s=duration_s,
         trend_per_s=trend,
         trend_standard_uncertainty=u_trend,
+        of_quantum=np.asarray(np.broadcast_to(of_quantum, output.shape[1]), dtype=np.float64),
         noise=fit.noise,
         not_used=record.not_used,
     )
 
 
-@dataclass(frozen=True)
-class Repeatability:
-    """Standard deviation of a figure over runs.
+def scatter_interval(
+    scatter: FloatArray,
+    degrees_of_freedom: FloatArray,
+    probability: float,
+    of_quantum: FloatArray | float = 0.0,
+) -> FloatArray:
+    """Interval of a standard deviation, shape (m, 2): nu s^2 / chi-square, equal tails.
 
-    Attributes:
-        repeatability: s of the runs' values, shape (m,).
-        beyond_noise: sqrt(max(s^2 - mean u^2, 0)): what the runs differ by beyond their own uncertainty.
-        beyond_noise_resolved: whether s^2 is above mean u^2 by more than 95 % of chance, shape (m,).
-        mean: of the runs, shape (m,).
-        runs: how many.
-        condition: with or without a power cycle between runs.
+    Errors of the values move s by no more than their own root mean square (triangle inequality about the
+    mean): where a quantum hides `of_quantum` of each, both ends go sqrt(3) of it further, half a quantum
+    where there is no noise.
     """
-
-    repeatability: FloatArray
-    beyond_noise: FloatArray
-    beyond_noise_resolved: FloatArray
-    mean: FloatArray
-    runs: int
-    condition: Condition
-
-    @property
-    def standard_uncertainty(self) -> FloatArray:
-        """Of s, for normal values: s / sqrt(2 (Q - 1)), shape (m,): 32 % with six runs."""
-        return self.repeatability / math.sqrt(2.0 * (self.runs - 1))
-
-    def interval(self, probability: float) -> FloatArray:
-        """Where the standard deviation lies, shape (m, 2): chi-square with Q - 1 degrees of freedom."""
-        return scatter_interval(
-            self.repeatability, np.full(len(self.repeatability), self.runs - 1.0), probability
-        )
-
-
-def repeatability(
-    values: FloatArray,
-    standard_uncertainty: FloatArray,
-    condition: Condition,
-    *,
-    least_runs: int = REPEATABILITY_RUNS,
-    where: str = "repeatability",
-) -> Repeatability:
-    """Of biases or scale factors over runs (GJB 2426A: at least six).
-
-    Args:
-        values: shape (Q, m), one row a run.
-        standard_uncertainty: of each value by noise inside its run, shape (Q, m).
-        condition: what lay between the runs.
-        least_runs: fewer are refused.
-        where: for errors.
-
-    Raises:
-        CalibrationError: too few runs, or values that are missing.
-    """
-    values, doubt = np.atleast_2d(values), np.atleast_2d(standard_uncertainty)
-    if len(values) < max(least_runs, 2):
-        raise refused(
-            f"{len(values)} runs carry no repeatability; {max(least_runs, 2)} are asked for.",
-            where,
-            "record more runs; a run that failed has to be repeated, not left out.",
-        )
-    if values.shape != doubt.shape or not (np.isfinite(values).all() and np.isfinite(doubt).all()):
-        raise refused("A run's value or its uncertainty is missing.", where, "repeat that run.")
-    variance = values.var(axis=0, ddof=1)
-    noise = np.mean(doubt**2, axis=0)
-    freedom = len(values) - 1
-    chance = float(chdtri(freedom, 0.05)) / freedom
-    return Repeatability(
-        repeatability=np.sqrt(variance),
-        beyond_noise=np.sqrt(np.maximum(variance - noise, 0.0)),
-        beyond_noise_resolved=variance > chance * noise,
-        mean=values.mean(axis=0),
-        runs=len(values),
-        condition=condition,
-    )
-
-
-def bias_repeatability(
-    runs: Sequence[tuple[FloatArray, FloatArray]],
-    true_input: TrueInput | Sequence[TrueInput],
-    condition: Condition,
-    *,
-    duration_s: float = REPEATABILITY_DURATION_S,
-    range_limit: float | None = None,
-    where: str = "bias repeatability",
-) -> tuple[Repeatability, tuple[BiasFigure, ...]]:
-    """From the records (time (n,), output (n, m)) of each run, by default six of ten minutes.
-
-    `true_input`: what truly acted, in all runs or in each. A run's own uncertainty here is that of its mean:
-    what wanders between runs is the repeatability.
-
-    Raises:
-        CalibrationError: as `bias` and `repeatability`; the run is named.
-    """
-    acted = [true_input] * len(runs) if isinstance(true_input, TrueInput) else list(true_input)
-    figures = tuple(
-        bias(
-            time_s,
-            output,
-            truth,
-            duration_s=duration_s,
-            range_limit=range_limit,
-            known_slow=(),
-            where=f"{where}, run {number}",
-        )
-        for number, ((time_s, output), truth) in enumerate(zip(runs, acted, strict=True), start=1)
-    )
-    values = np.array([figure.bias for figure in figures]).reshape(len(figures), -1)
-    noise = [
-        np.sqrt(np.maximum(f.standard_uncertainty**2 - f.true_input.standard_uncertainty**2, 0.0))
-        for f in figures
-    ]
-    return repeatability(values, np.reshape(noise, values.shape), condition, where=where), figures
-
-
-def scatter_interval(scatter: FloatArray, degrees_of_freedom: FloatArray, probability: float) -> FloatArray:
-    """Interval of a standard deviation, shape (m, 2): nu s^2 / chi-square, equal tails."""
     tail = (1.0 - probability) / 2.0
     low = np.asarray(chdtri(degrees_of_freedom, tail), dtype=np.float64)
     high = np.asarray(chdtri(degrees_of_freedom, 1.0 - tail), dtype=np.float64)
+    wider = math.sqrt(3.0) * np.asarray(of_quantum)
     return np.stack(
-        [scatter * np.sqrt(degrees_of_freedom / low), scatter * np.sqrt(degrees_of_freedom / high)], axis=1
+        [
+            np.maximum(scatter * np.sqrt(degrees_of_freedom / low) - wider, 0.0),
+            scatter * np.sqrt(degrees_of_freedom / high) + wider,
+        ],
+        axis=1,
     )
 
 

@@ -3,7 +3,7 @@
 # pyright: strict
 import numpy as np
 
-from calibration.algorithms.bias_figures import repeatability
+from calibration.algorithms.repeatability import repeatability
 from calibration.algorithms.scale_factor_figures import (
     Dwell,
     StaircaseFigures,

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from calibration.algorithms.bias_figures import Condition
+from calibration.algorithms.repeatability import Condition
 from calibration.algorithms.screening import NotUsed
 from calibration.evaluations.method_evaluation import MethodEvaluation, SensorResult
 from protocol.errors import CalibrationError

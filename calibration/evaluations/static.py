@@ -12,16 +12,15 @@ import numpy as np
 
 from calibration.algorithms.bias_figures import (
     STABILITY_DURATION_S,
-    BiasFigure,
     TrueInput,
     bias,
-    bias_repeatability,
     bias_stability,
     unknown_earth_rate,
 )
 from calibration.algorithms.block_means import span_s
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.earth import EARTH_RATE_RAD_S
+from calibration.algorithms.repeatability import Condition, bias_repeatability
 from calibration.algorithms.screening import NotUsed
 from calibration.evaluations.channels import SI, Kind, channels_in_si, stated_slow_terms
 from calibration.evaluations.method_evaluation import (
@@ -34,6 +33,7 @@ from calibration.evaluations.method_evaluation import (
     stream_with,
 )
 from calibration.evaluations.noise import evaluate_noise
+from calibration.evaluations.quanta import of_quanta, quantum_words
 from calibration.evaluations.repeated_runs import between_runs, each_that_can, merged, mounts_words
 from calibration.evaluations.stand_motion import U_ATTITUDE_RAD, stand_motion
 from calibration.records.inertial_contents import bias_content, repeatability_content
@@ -84,13 +84,21 @@ def _bias_and_stability(recording: Recording) -> MethodEvaluation:
         if not letters:
             continue
         limit, slow = sensor_range(recording, kind), stated_slow_terms(recording, kind)
+        quanta, (by_quanta,) = of_quanta(recording, kind, [output])
         found, stable = None, None
         if kind == "gyro":
             acted, words = _earth_rate(recording, letters)
             found = bias(
-                time_s, output, acted, range_limit=limit, known_slow=slow, where=recording.recording_id
+                time_s,
+                output,
+                acted,
+                range_limit=limit,
+                known_slow=slow,
+                of_quantum=by_quanta,
+                where=recording.recording_id,
             )
             sentences += [words, *_noise_words(kind, letters, found.noise)]
+            sentences += quantum_words(kind, letters, quanta, by_quanta, found.standard_uncertainty)
             if slow is None:
                 sentences.append(
                     say(
@@ -104,7 +112,10 @@ def _bias_and_stability(recording: Recording) -> MethodEvaluation:
             not_used.append(NotUsed(say("bias of the accelerometers"), len(time_s), why))
         if long_enough:
             where = f"{recording.recording_id}, {kind}"
-            stable = bias_stability(time_s, output, range_limit=limit, known_slow=slow, where=where)
+            stable = bias_stability(
+                time_s, output, range_limit=limit, known_slow=slow, of_quantum=by_quanta, where=where
+            )
+            sentences += quantum_words(kind, letters, quanta, by_quanta, stable.standard_uncertainty)
         if found is not None or stable is not None:
             content = bias_content(letters, found, stable, SI[kind])
             results.append(SensorResult(kind, content, (recording,)))
@@ -118,14 +129,20 @@ def _bias_and_stability(recording: Recording) -> MethodEvaluation:
 
 
 def _alive(recording: Recording, kind: Kind, not_used: list[NotUsed]) -> tuple[str, FloatArray]:
-    """Channels that change at all: one that stays at a number tells nothing of its sensor."""
+    """Channels that change at all, and their samples."""
     letters, output = channels_in_si(recording, kind)
-    stuck = [letter for letter, samples in zip(letters, output.T, strict=True) if np.ptp(samples) == 0.0]
-    for letter in stuck:
-        why = say("constant: the channel is stuck, or its quantum is coarser than its noise")
-        not_used.append(NotUsed(f"{kind}_{letter}", len(output), why))
-    kept = [k for k, letter in enumerate(letters) if letter not in stuck]
+    kept = _that_change(kind, letters, output, not_used)
     return "".join(letters[k] for k in kept), output[:, kept]
+
+
+def _that_change(kind: Kind, letters: str, output: FloatArray, not_used: list[NotUsed]) -> list[int]:
+    """Columns that change at all: one that stays at a number tells nothing of its sensor."""
+    changing = np.ptp(output, axis=0) != 0.0 if len(output) else np.zeros(len(letters), dtype=np.bool_)
+    for letter, moves in zip(letters, changing, strict=True):
+        if not moves:
+            why = say("constant: the channel is stuck, or its quantum is coarser than its noise")
+            not_used.append(NotUsed(f"{kind}_{letter}", len(output), why))
+    return [int(k) for k in np.flatnonzero(changing)]
 
 
 def _noise_words(kind: Kind, letters: str, noise: Sequence[str]) -> list[str]:
@@ -184,43 +201,52 @@ def _repeatability(recordings: list[Recording]) -> tuple[list[MethodEvaluation],
         return [], [NotUsed(what, samples, between.words)]
     results: list[SensorResult] = []
     not_used: list[NotUsed] = []
-    for kind, unit in SI.items():
-        letters = channels_in_si(recordings[0], kind)[0]
-        if not letters:
-            continue
-        runs = [
-            (recording.stream("dut").time_s(), channels_in_si(recording, kind)[1]) for recording in recordings
-        ]
-        acted = [_acted(recording, kind, letters) for recording in recordings]
+    mounts = mounts_words(recordings)
+    sentences = [between.words] if mounts is None else [between.words, mounts]
+    for kind in SI:
         try:
-            found, figures = bias_repeatability(runs, acted, between.condition)
+            result, words = _repeatability_of(kind, recordings, between.condition, not_used)
         except CalibrationError as error:
             not_used.append(NotUsed(what, samples, error.what))
             break
-        values = np.array([figure.bias for figure in figures])
-        doubt = np.array([_own_doubt(figure) for figure in figures])
-        names = [recording.recording_id for recording in recordings]
-        content = repeatability_content("bias", letters, found, names, (values, doubt), unit)
-        beside = tuple(
-            Beside(
-                say("what the runs of {channel} differ by beyond their noise", channel=f"{kind}_{letter}"),
-                float(found.beyond_noise[k]) if found.beyond_noise_resolved[k] else None,
-                unit,
-            )
-            for k, letter in enumerate(letters)
-        )
-        results.append(SensorResult(kind, content, tuple(recordings), beside))
+        results += result
+        sentences += words
     if not results:
         return [], not_used
-    mounts = mounts_words(recordings)
-    sentences = [between.words] if mounts is None else [between.words, mounts]
     return [method_evaluation(recordings, results, sentences)], not_used
 
 
-def _own_doubt(figure: BiasFigure) -> FloatArray:
-    """Of the mean alone: what truly acts is the same in all runs."""
-    variance = figure.standard_uncertainty**2 - figure.true_input.standard_uncertainty**2
-    return np.sqrt(np.maximum(variance, 0.0))
+def _repeatability_of(
+    kind: Kind, recordings: list[Recording], condition: Condition, not_used: list[NotUsed]
+) -> tuple[list[SensorResult], list[str]]:
+    """Of one triad, with what its quanta do; nothing where it is not there or stuck throughout."""
+    letters, unit = channels_in_si(recordings[0], kind)[0], SI[kind]
+    outputs = [channels_in_si(recording, kind)[1] for recording in recordings]
+    kept = _that_change(kind, letters, np.concatenate(outputs), not_used)
+    if not kept:
+        return [], []
+    letters, outputs = "".join(letters[k] for k in kept), [output[:, kept] for output in outputs]
+    quanta, by_quanta = of_quanta(recordings[0], kind, outputs)
+    found, figures = bias_repeatability(
+        [(one.stream("dut").time_s(), output) for one, output in zip(recordings, outputs, strict=True)],
+        [_acted(recording, kind, letters) for recording in recordings],
+        condition,
+        of_quantum=by_quanta,
+    )
+    values = np.array([figure.bias for figure in figures])
+    doubt = np.array([figure.of_mean for figure in figures])
+    names = [recording.recording_id for recording in recordings]
+    content = repeatability_content("bias", letters, found, names, (values, doubt), unit)
+    beside = tuple(
+        Beside(
+            say("what the runs of {channel} differ by beyond their noise", channel=f"{kind}_{letter}"),
+            float(found.beyond_noise[k]) if found.beyond_noise_resolved[k] else None,
+            unit,
+        )
+        for k, letter in enumerate(letters)
+    )
+    words = quantum_words(kind, letters, quanta, found.of_quantum, found.standard_uncertainty)
+    return [SensorResult(kind, content, tuple(recordings), beside)], words
 
 
 def _acted(recording: Recording, kind: Kind, letters: str) -> TrueInput:

@@ -11,10 +11,11 @@ from typing import Literal
 import numpy as np
 
 from calibration.algorithms.axis_geometry import axis_geometry
-from calibration.algorithms.bias_figures import BiasFigure, BiasStability, Repeatability
+from calibration.algorithms.bias_figures import BiasFigure, BiasStability
 from calibration.algorithms.coefficients import FloatArray
 from calibration.algorithms.correlated_fit import CorrelatedFit
 from calibration.algorithms.frequency_response import DelayAndLag, FrequencyResponse
+from calibration.algorithms.repeatability import Repeatability
 from calibration.algorithms.scale_factor_figures import StaircaseFigures
 from calibration.algorithms.tumble_g_sensitivity import TumbleFigures
 from calibration.records.content_parts import quantity, record_table
@@ -36,6 +37,8 @@ ON_THE_STAND = Frame(
 )
 G_SENSITIVITY_UNIT = "rad/s/(m/s^2)"
 QUADRATIC_UNIT = "1/(m/s^2)"
+QUANTUM_SHOWN = 0.01
+"""Part of a bias's uncertainty from which on its budget has a row for the quantum."""
 PAIRS = ("xy", "xz", "yz")
 
 
@@ -46,15 +49,13 @@ def bias_content(
     quantities: list[CalibratedQuantity] = []
     budgets: list[RecordedBudget] = []
     if found is not None:
-        of_noise = np.sqrt(
-            np.maximum(found.standard_uncertainty**2 - found.true_input.standard_uncertainty**2, 0.0)
-        )
+        of_noise = np.sqrt(np.maximum(found.of_mean**2 - found.of_quantum**2, 0.0))
         for k, letter in enumerate(letters):
             value = float(found.bias[k])
             quantities.append(
                 quantity(f"bias_{letter}", f"b_{letter}", value, unit, float(found.standard_uncertainty[k]))
             )
-            rows = (
+            rows = [
                 _row("noise of the mean", value, unit, float(of_noise[k]), "t", 1.0),
                 _row(
                     "what truly acts",
@@ -64,8 +65,12 @@ def bias_content(
                     "normal",
                     -1.0,
                 ),
-            )
-            budgets.append(RecordedBudget(result=f"bias_{letter}", rows=rows))
+            ]
+            if found.of_quantum[k] > QUANTUM_SHOWN * found.standard_uncertainty[k]:
+                rows.append(
+                    _row("quantum of the samples", 0.0, unit, float(found.of_quantum[k]), "normal", 1.0)
+                )
+            budgets.append(RecordedBudget(result=f"bias_{letter}", rows=tuple(rows)))
         quantities += _trend(letters, found, unit)
     if stability is not None:
         bounds = stability.interval(COVERAGE_PROBABILITY)

@@ -8,12 +8,11 @@ import pytest
 from calibration.algorithms.bias_figures import (
     TrueInput,
     bias,
-    bias_repeatability,
     bias_stability,
     earth_rate_at_rest,
-    repeatability,
     unknown_earth_rate,
 )
+from calibration.algorithms.repeatability import bias_repeatability, repeatability
 from dut_emulator.recording.recorder import RecordingOrder, RecordingSession, recorded
 from protocol.errors import CalibrationError
 from tests.calibration.shaped_noise import check_coverage, exponential, white

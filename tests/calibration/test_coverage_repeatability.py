@@ -4,7 +4,7 @@ The recorder draws the turn-on bias anew in each run. A scale factor does not ch
 there, so each run gets a chain of effects, or a staircase, whose scale factors are drawn anew.
 
 Rests at 10 Hz: at 1 Hz the accelerometers' white noise is a fifth of their quantum, and means stick to
-quanta (`test_coverage_of_quantized_rests`).
+quanta: intervals have to be wider then, and are.
 """
 
 import dataclasses
@@ -14,10 +14,12 @@ import math
 import numpy as np
 import pytest
 
-from calibration.algorithms.bias_figures import Repeatability, TrueInput, bias_repeatability, repeatability
+from calibration.algorithms.bias_figures import TrueInput
+from calibration.algorithms.repeatability import Repeatability, bias_repeatability, repeatability
 from calibration.algorithms.scale_factor_figures import staircase_figures
 from calibration.evaluations.by_profile import evaluate_by_profile
 from calibration.evaluations.channels import SI, channels_in_si
+from calibration.records.record import COVERAGE_PROBABILITY
 from dut_emulator.effects.deterministic import ScaleFactorError
 from dut_emulator.effects.effect import EffectChain, Stimulus
 from dut_emulator.effects.stochastic import BiasInstability, WhiteNoise
@@ -46,7 +48,7 @@ def units(count: int) -> list[tuple[str, Twin]]:
     ]
 
 
-def static_run(serial: str, twin: Twin, run: int) -> Recording:
+def static_run(serial: str, twin: Twin, run: int, rate_hz: float = 10.0) -> Recording:
     return recorded(
         "gnc_module",
         "static",
@@ -54,7 +56,7 @@ def static_run(serial: str, twin: Twin, run: int) -> Recording:
         serial=serial,
         run=run,
         values={"duration_s": DURATION_S},
-        rate_hz=10.0,
+        rate_hz=rate_hz,
         started_at=f"2026-01-01T{run:02}:00:00+00:00",
     )
 
@@ -106,6 +108,28 @@ def test_turn_on_biases_of_emulated_units_are_covered() -> None:
             found[0], repeatability=np.concatenate([one.repeatability for one in found])
         )
         check_intervals(together, np.concatenate([expected_spread(twin, kind) for _, twin in lot]))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_turn_ons_hidden_by_a_quantum_are_covered() -> None:
+    """Accelerometers at 1 Hz by the whole route: their turn-ons differ by a twelfth of a quantum."""
+    covered: list[bool] = []
+    for serial, twin in units(40):
+        whole = evaluate_by_profile(
+            [static_run(serial, twin, run, rate_hz=1.0) for run in range(1, RUNS + 1)]
+        )
+        assert sum("hardly blurs its quantum" in words for words in whole.assumptions) == 3
+        (told,) = [
+            {one.name: one for one in result.content.quantities}
+            for result in whole.results
+            if result.sensor == "acc" and result.content.method == "repeatability"
+        ]
+        for letter, expected in zip("xyz", expected_spread(twin, "acc"), strict=True):
+            interval = told[f"turn_on_bias_repeatability_{letter}"].interval
+            assert interval is not None
+            covered.append(interval.lower < expected < interval.upper)
+    assert np.mean(covered) > COVERAGE_PROBABILITY - 3.5 * math.sqrt(0.05 * 0.95 / len(covered))
 
 
 @pytest.mark.slow

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibration.algorithms.axis_geometry import axis_geometry, decompose, relative_misalignment
-from calibration.algorithms.bias_figures import repeatability
 from calibration.algorithms.coefficients import TriadCoefficients
+from calibration.algorithms.repeatability import repeatability
 from calibration.algorithms.scale_factor_figures import Dwell, find_dwells, staircase_figures
 from dut_emulator.effects.nonlinearity import ScaleFactorAsymmetry, ScaleFactorNonlinearity
 from dut_emulator.recording.recorder import RecordingOrder, RecordingSession, recorded
