@@ -5,7 +5,9 @@ Columns stand in one order for a channel in all recordings: 1 (the bias of the r
 triad (scale factor and alignment, of the mount), then the regressors of all trials, each scaled to unit rms.
 """
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.catalogue_effect import CatalogueEffect
 from dut_emulator.effects.effect import FloatArray, SensorName
-from gap_diagnosis.candidates import Trial, regressors
+from gap_diagnosis.candidates import Trial
+from gap_diagnosis.compared_rows import ComparedRows
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.regimes import Regime, regimes_of
 
@@ -99,18 +102,25 @@ def channels_of(
     return found
 
 
+def _kept(_part: ChannelDesign) -> None:
+    return None
+
+
 def designed(
     observations: Sequence[Observation],
     trials: Sequence[Trial],
     *,
     cells: bool,
     wanted: frozenset[Channel] | None = None,
+    each: Callable[[ChannelDesign], None] = _kept,
 ) -> Design:
     """Columns for all trials, and for the cells of all regimes where these are wanted.
 
-    A trial that moves nothing, or lacks its stimulus, owns no block.
+    A trial that moves nothing, or lacks its stimulus, owns no block. `each` is given every channel as soon as
+    its columns stand side by side, and may let go of them before the next one's are made.
     """
     rows = channels_of(observations, wanted)
+    compared = [ComparedRows(one) for one in observations]
     parts: dict[Channel, dict[int, list[FloatArray]]] = {
         channel: {
             index: [np.ones(np.count_nonzero(use)), *_inputs(observations[index], channel, use)]
@@ -123,15 +133,17 @@ def designed(
     blocks: list[Block] = []
     for number, trial in enumerate(trials):
         for together in (trial.effects,) if trial.tied else tuple((effect,) for effect in trial.effects):
-            blocks += _own(number, together, observations, rows, parts, counts, scales)
+            blocks += _own(number, together, observations, compared, rows, parts, counts, scales)
     groups: list[CellGroup] = []
-    for channel in rows if cells else ():
-        groups += _cells(observations, channel, rows[channel], parts[channel], counts, scales[channel])
     channels: dict[Channel, ChannelDesign] = {}
+    del compared
     for channel, use in rows.items():
-        columns = parts.pop(channel)  # let go as soon as they stand side by side
+        columns = parts.pop(channel)
+        if cells:
+            groups += _cells(observations, channel, use, columns, counts, scales[channel])
         matrices = {index: np.stack(columns.pop(index)).T for index in list(columns)}
         channels[channel] = ChannelDesign(channel, matrices, dict(use), np.array(scales[channel]))
+        each(channels[channel])
     return Design(tuple(trials), channels, tuple(blocks), tuple(groups))
 
 
@@ -148,12 +160,13 @@ def _cells(
     for regime in regimes_of(observations, channel):
         count = len(regime.edges) - 1
         for index, use in rows.items():
-            inside = regime.indicators(index)
+            inside = regime.indicators(index, use)
             for cell in range(count):
-                column = np.zeros(np.count_nonzero(use)) if inside is None else inside[use, cell]
+                column = np.zeros(np.count_nonzero(use)) if inside is None else inside[:, cell]
                 parts[index].append(column - column.mean())
         scales += [1.0] * count
-        groups.append(CellGroup(channel, regime, np.arange(counts[channel], counts[channel] + count)))
+        told = dataclasses.replace(regime, values=())  # a long record's would stay for nothing
+        groups.append(CellGroup(channel, told, np.arange(counts[channel], counts[channel] + count)))
         counts[channel] += count
     return groups
 
@@ -177,6 +190,7 @@ def _own(
     number: int,
     effects: tuple[CatalogueEffect, ...],
     observations: Sequence[Observation],
+    compared: Sequence[ComparedRows],
     rows: Mapping[Channel, Mapping[int, NDArray[np.bool_]]],
     parts: dict[Channel, dict[int, list[FloatArray]]],
     counts: dict[Channel, int],
@@ -189,24 +203,23 @@ def _own(
         for index in sorted(
             {i for channel in mine if channel.sensor == effect.sensor for i in rows[channel]}
         ):
-            columns = regressors(effect, observations[index].stimulus)
+            columns = compared[index].regressors(effect)
             view = observations[index].outputs[effect.sensor].norm
             if columns is not None and view is not None:
                 columns = {name: view.column(column) for name, column in columns.items()}
             if columns is not None:
                 said[effect.sensor, index] = columns
     names = list(dict.fromkeys(name for columns in said.values() for name in columns))
-    rms = {
-        (name, channel): _rms(
-            [
-                c[name][rows[channel][i], channel.axis]
-                for (sensor, i), c in said.items()
-                if sensor == channel.sensor and i in rows[channel]
-            ]
-        )
+    deviations = {
+        (name, channel): {
+            i: _Deviation.of(said[channel.sensor, i][name][compared[i].among(use), channel.axis])
+            for i, use in rows[channel].items()
+            if (channel.sensor, i) in said
+        }
         for name in names
         for channel in mine
     }
+    rms = {key: _rms(list(parts_of.values())) for key, parts_of in deviations.items()}
     largest = max(rms.values(), default=0.0)
     if not (np.isfinite(largest) and largest > 0.0):
         return []
@@ -219,20 +232,47 @@ def _own(
         counts[channel] += 1
         scales[channel].append(size)
         for index, use in rows[channel].items():
-            column = np.zeros(np.count_nonzero(use))
-            if (channel.sensor, index) in said:
-                column = said[channel.sensor, index][name][use, channel.axis] / size
-                column -= column.mean()  # the bias of the run takes it anyway: well-conditioned so
+            moved = deviations[name, channel].get(index)
+            column = np.zeros(np.count_nonzero(use)) if moved is None else moved.values / size
             parts[channel][index].append(column)
     return [_block(number, effects, group, owned) for group in _sharing(owned)]
 
 
-def _rms(parts: Sequence[FloatArray]) -> float:
-    """Of the deviation from each recording's mean: what a bias cannot take; 0 where it is rounding alone."""
-    count = sum(len(part) for part in parts)
-    size = float(np.sqrt(sum(float(np.sum((p - p.mean()) ** 2)) for p in parts if len(p)) / max(count, 1)))
-    largest = max((float(np.abs(part).max()) for part in parts if len(part)), default=0.0)
-    return size if size > ROUNDING * largest else 0.0
+@dataclass(frozen=True)
+class _Deviation:
+    """A regressor about its mean in one recording, which the bias of the run takes anyway.
+
+    Attributes:
+        values: (n,).
+        square: their sum of squares.
+        mean: that was taken off.
+    """
+
+    values: FloatArray
+    square: float
+    mean: float
+
+    @staticmethod
+    def of(regressor: FloatArray) -> "_Deviation":
+        if not len(regressor):
+            return _Deviation(regressor, 0.0, 0.0)
+        mean = float(regressor.mean())
+        values = regressor - mean
+        return _Deviation(values, float(values @ values), mean)
+
+    def largest(self) -> float:
+        """Of the regressor's absolute values."""
+        return float(np.abs(self.values + self.mean).max(initial=0.0))
+
+
+def _rms(parts: Sequence[_Deviation]) -> float:
+    """Of the deviation from each recording's mean; 0 where it is rounding alone."""
+    count = sum(len(part.values) for part in parts)
+    size = math.sqrt(sum(part.square for part in parts) / max(count, 1))
+    at_most = max((abs(part.mean) + math.sqrt(part.square) for part in parts), default=0.0)
+    if size > ROUNDING * at_most:
+        return size
+    return size if size > ROUNDING * max((part.largest() for part in parts), default=0.0) else 0.0
 
 
 def _sharing(owned: Mapping[str, Mapping[Channel, int]]) -> list[list[str]]:

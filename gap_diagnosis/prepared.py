@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial
-from gap_diagnosis.design import INPUT_SCALE, NUISANCES, ChannelDesign, Design, designed
+from gap_diagnosis.design import INPUT_SCALE, NUISANCES, ChannelDesign, Design, channels_of, designed
 from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, shapes_for, white_noise_of_rows
 from gap_diagnosis.observation import Channel, NoiseBelief, Observation
 from gap_diagnosis.reference_noise import is_reference, reference_density
@@ -108,14 +108,14 @@ def prepare(
     `known_noise`: of an earlier preparation of the same observations; `wanted`: only these channels.
     `keep_columns`: or only those of the nuisances, since a long record's fill the memory.
     """
-    design = designed(observations, trials, cells=cells, wanted=wanted)
     longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
-    common = {
-        sensor: rng.standard_normal((2, nulls)) for sensor in sorted({c.sensor for c in design.channels})
-    }
+    sensors = sorted({channel.sensor for channel in channels_of(observations, wanted)})
+    common = {sensor: rng.standard_normal((2, nulls)) for sensor in sensors}
     noise: dict[Channel, ChannelNoise] = {}
     statistics: dict[Channel, dict[int, RecordingMoments]] = {}
-    for channel, part in design.channels.items():
+
+    def weigh(part: ChannelDesign) -> None:
+        channel = part.channel
         residuals = {
             i: observations[i].outputs[channel.sensor].residual_si[rows, channel.axis]
             for i, rows in part.rows.items()
@@ -143,6 +143,8 @@ def prepare(
         }
         if not keep_columns:
             part.without_trials()
+
+    design = designed(observations, trials, cells=cells, wanted=wanted, each=weigh)
     return Prepared(tuple(observations), design, noise, statistics)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray, SensorName
 from gap_diagnosis.observation import AXES, Channel, Observation
@@ -35,7 +36,7 @@ class Regime:
         variable: 'temperature', 'rate_x', 'acceleration_z', 'time_since_power_on', 'table_angle_outer'.
         unit: of `edges`, as people read it.
         edges: (cells + 1,) increasing.
-        values: recording → (n,) the variable on all rows, in `unit`.
+        values: recording → (n,) the variable on all rows, in `unit`; empty once the indicators are made.
     """
 
     variable: str
@@ -43,12 +44,12 @@ class Regime:
     edges: FloatArray
     values: tuple[FloatArray | None, ...]
 
-    def indicators(self, recording: int) -> FloatArray | None:
-        """(n, cells) 1 where a row lies in a cell."""
+    def indicators(self, recording: int, rows: NDArray[np.bool_]) -> FloatArray | None:
+        """(rows used, cells) 1 where a row lies in a cell; `rows` (n,) says which are used."""
         values = self.values[recording]
         if values is None:
             return None
-        cell = np.clip(np.searchsorted(self.edges, values, side="right") - 1, 0, len(self.edges) - 2)
+        cell = np.clip(np.searchsorted(self.edges, values[rows], side="right") - 1, 0, len(self.edges) - 2)
         return (cell[:, np.newaxis] == np.arange(len(self.edges) - 1)).astype(np.float64)
 
 

@@ -35,7 +35,8 @@ class CatalogueEffect:
     Class attributes: `word` and `stage`; `origin`, what its name begins with when that is not the triad
     ('stand', 'link', 'gnss'); `sensors`, the triads it may act on; `valid`, its limits of validity; `start`,
     the fields that a fit begins with; `scanned`, the held scalars that a fit looks for and where;
-    `excludes`, words of effects that describe the same thing another way.
+    `excludes`, words of effects that describe the same thing another way; `remembers`, whether a sample
+    depends on more of the past than the sample before it (a lag, a play, a delay).
     """
 
     sensor: SensorName
@@ -48,6 +49,7 @@ class CatalogueEffect:
     scanned: ClassVar[dict[str, tuple[float, ...]]] = {}
     excludes: ClassVar[tuple[str, ...]] = ()
     stochastic: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
 
     @property
     def is_neutral(self) -> bool:

@@ -190,6 +190,7 @@ class VibrationRectification(LinearEffect):
 
     coefficient_per_si: Triple = parameter(ZERO, "1 per {si}", (-1.0, 1.0), "bias per mean square")
     averaging_time_s: float = parameter(1.0, "s", (1e-3, 1e3), "time constant of the means", held=True)
+    remembers: ClassVar[bool] = True
     word: ClassVar[str] = "vibration_rectification"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
     valid: ClassVar[str] = "Vibration inside the sampled band."
@@ -213,6 +214,7 @@ class ShockBiasShift(LinearEffect):
 
     shift_si: Triple = parameter(ZERO, "{si}", (-0.1, 0.1), "bias after the shock")
     threshold_si: float = parameter(500.0, "{si}", (0.0, 1000.0), "force that counts as a shock", held=True)
+    remembers: ClassVar[bool] = True
     word: ClassVar[str] = "shock_bias_shift"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
     valid: ClassVar[str] = "One shift for the first shock; further ones add nothing."

@@ -33,6 +33,7 @@ class Bandwidth(CatalogueEffect):
     """
 
     time_constant_s: float = parameter(0.0, "s", (0.0, 1e4), "time constant τ")
+    remembers: ClassVar[bool] = True
     word: ClassVar[str] = "bandwidth"
     stage: ClassVar[Stage] = Stage.FILTER
     valid: ClassVar[str] = "One pole; the same for the three sensors of a triad."
@@ -84,6 +85,7 @@ class TimeShift(CatalogueEffect):
     Linear between samples, held before the first one; d up to 2 s.
     """
 
+    remembers: ClassVar[bool] = True
     stage: ClassVar[Stage] = Stage.TRANSPORT
     sensors: ClassVar[tuple[SensorName, ...]] = ("gyro", "acc", "mag")
 

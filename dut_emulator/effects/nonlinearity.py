@@ -171,6 +171,7 @@ class RateHysteresis(LinearEffect):
     half_width_si: float = parameter(
         0.1, "{si}", (1e-6, 0.1), "change of rate from middle to branch", held=True
     )
+    remembers: ClassVar[bool] = True
     word: ClassVar[str] = "rate_hysteresis"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
     valid: ClassVar[str] = "Independent of how fast the rate changes; begins in the middle of its play."

@@ -124,6 +124,7 @@ class ThermalHysteresis(LinearEffect):
     half_width_c: float = parameter(
         10.0, "degC", (0.01, 100.0), "change of temperature from middle to branch", held=True
     )
+    remembers: ClassVar[bool] = True
     word: ClassVar[str] = "thermal_hysteresis"
     stage: ClassVar[Stage] = Stage.TRANSDUCER
     valid: ClassVar[str] = (
