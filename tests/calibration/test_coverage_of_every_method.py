@@ -56,7 +56,7 @@ COVERED: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("test_temperature_positions::test_two_hundred_units_are_covered_on_noise_of_another_maker",),
     ),
     "temperature_ramp": (
-        ("test_temperature_ramp::test_two_hundred_emulated_gyro_triads_are_covered",),
+        ("test_temperature_ramp::test_two_hundred_emulated_triads_are_covered",),
         ("test_temperature_ramp::test_two_hundred_loops_are_covered",),
     ),
     "thermal_network": (

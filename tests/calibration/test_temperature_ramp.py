@@ -8,6 +8,8 @@ from calibration.algorithms.correlated_fit import Blocks
 from calibration.algorithms.thermal_ramp import RampFit, fit_ramp
 from calibration.evaluations.by_profile import evaluate_by_profile
 from calibration.evaluations.channels import channels_in_si
+from calibration.evaluations.room_matrix import temperature_column
+from calibration.evaluations.temperature_ramp import KINDS
 from calibration.sensor_knowledge import slow_noise
 from dut_emulator.products.catalogue import product_named
 from dut_emulator.recording.recorder import recorded
@@ -18,6 +20,7 @@ from tests.calibration.test_method_evaluations import quantity, with_columns
 BLOCK_S = 20.0
 AMPLITUDE, SPEED_SI = 2e-3, 0.03
 LAG_S, PLAY_C = 150.0, 15.0
+GRAVITY = 9.8013
 
 
 def cycle(lag_s: float = LAG_S) -> tuple[np.ndarray, np.ndarray]:
@@ -61,16 +64,15 @@ def blocked(time_s: np.ndarray, *values: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(one[: count * int(BLOCK_S)].reshape(count, -1).mean(axis=1) for one in (time_s, *values))
 
 
-def mean_hysteresis(temperature_c: np.ndarray) -> float:
-    """Warming less cooling over the common temperatures, from the play alone."""
-    place = place_in_play(cycle()[1])[600:]
+def mean_difference(place: np.ndarray, temperature_c: np.ndarray) -> float:
+    """Place in the play when warming less when cooling, mean over the temperatures."""
     coldest, hottest = int(temperature_c.argmin()), int(temperature_c.argmax())
     grid = np.linspace(temperature_c.min() + 0.5, temperature_c.max() - 0.5, 400)
     warm = np.interp(grid, temperature_c[coldest:hottest], place[coldest:hottest])
     cool = np.concatenate([place[:coldest], place[hottest:]])
-    order = np.argsort(np.concatenate([temperature_c[:coldest], temperature_c[hottest:]]))
-    at = np.concatenate([temperature_c[:coldest], temperature_c[hottest:]])[order]
-    return AMPLITUDE * float((warm - np.interp(grid, at, cool[order])).mean())
+    at = np.concatenate([temperature_c[:coldest], temperature_c[hottest:]])
+    order = np.argsort(at)
+    return float((warm - np.interp(grid, at[order], cool[order])).mean())
 
 
 def test_a_clean_loop_is_taken_apart() -> None:
@@ -79,7 +81,8 @@ def test_a_clean_loop_is_taken_apart() -> None:
     blocks = Blocks(middle_s, np.full(len(middle_s), BLOCK_S), mean[:, None])
     found = fit_ramp(blocks, temperature_c, ())
     assert found.rate_si_s_per_c[0] == pytest.approx(SPEED_SI, rel=0.05)
-    assert found.hysteresis_si[0] == pytest.approx(mean_hysteresis(sensor), rel=0.05)
+    difference = mean_difference(place_in_play(cycle()[1])[600:], sensor)
+    assert found.hysteresis_si[0] == pytest.approx(AMPLITUDE * difference, rel=0.05)
     assert found.loop_si[:, 0].max() == pytest.approx(2.0 * AMPLITUDE, rel=0.15)
     ends = [(at - 15.0) / 55.0 for at in found.span_c]
     rise = np.diff([0.05 * e + 0.02 * e**2 - 0.01 * e**3 for e in ends])[0] + 2.0 * AMPLITUDE
@@ -117,30 +120,61 @@ def _parameter(effect: object, name: str) -> tuple[float, float, float]:
     return getattr(effect, name)
 
 
-def _gyro_effect(product: str, seed: int, word: str) -> object:
-    twin = product_named(product).twin(seed, "U-0001")
-    (found,) = [one for one in twin.effects if (one.sensor, one.word) == ("gyro", word)]
-    return found
+def _effects(seed: int) -> dict[tuple[str, str], object]:
+    """Of a unit of the lot, by sensor and word."""
+    twin = product_named("mems_ahrs").twin(seed, "U-0001")
+    return {(one.sensor, one.word): one for one in twin.effects}
+
+
+def _powers(effect: object, name: str, excess_c: float) -> np.ndarray:
+    """sum c_k (T - 25)^k, (3,)."""
+    coefficients = np.array(getattr(effect, name))
+    return sum((row * excess_c ** (k + 1) for k, row in enumerate(coefficients)), np.zeros(3))
+
+
+def _rise(effects: dict[tuple[str, str], object], kind: str, span_c: tuple[float, float]) -> np.ndarray:
+    """Of the output at rest from the coldest to the hottest, (3,), z up: without its play."""
+    force = np.array([0.0, 0.0, GRAVITY if kind == "acc" else 0.0])
+    at = []
+    for excess_c in (span_c[0] - 25.0, span_c[1] - 25.0):
+        scale = _powers(effects[kind, "scale_factor_temperature"], "coefficients_per_c", excess_c)
+        turned = np.array(_parameter(effects[kind, "misalignment_temperature"], "misalignment_rad_per_c"))
+        bias = _powers(effects[kind, "bias_temperature"], "coefficients_si_per_c", excess_c)
+        at.append(bias + scale * force + excess_c * turned @ force)
+    return at[1] - at[0]
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_two_hundred_emulated_gyro_triads_are_covered() -> None:
-    """What follows dT/dt against the twins. Blocks of 40 s, for speed: its changes take minutes."""
-    pulls: list[np.ndarray] = []
+def test_two_hundred_emulated_triads_are_covered() -> None:
+    """dT/dt of the gyros, hysteresis and sensitivity of both triads against the twins' own parameters.
+
+    Blocks of 40 s, for speed: what changes takes minutes.
+    """
+    pulls: dict[str, list[np.ndarray]] = {name: [] for name in ("rate", "gyro", "acc")}
     for seed in range(1, 201):
         recording = recorded("mems_ahrs", "temperature_ramp", seed=seed, rate_hz=1.0)
-        dut, output = recording.stream("dut"), channels_in_si(recording, "gyro")[1]
+        dut, effects = recording.stream("dut"), _effects(seed)
         used = dut.time_s() >= 600.0
-        warmth = np.asarray(dut.columns["temp"], dtype=np.float64)[used, None]
-        means = block_means("ramp", dut.time_s()[used], output[used], 40.0, inputs=warmth)
-        known = tuple(
-            (term.standard_deviation, term.correlation_time_s) for term in slow_noise(recording, "gyro")
-        )
-        found = fit_ramp(means.blocks, means.inputs[:, 0], known)
-        truth = _parameter(_gyro_effect("mems_ahrs", seed, "temperature_rate"), "coefficient_rad_per_c")
-        pulls.append((found.rate_si_s_per_c - truth) / np.sqrt(found.covariance[:, 0, 0]))
-    check_coverage(np.array(pulls))
+        for kind in KINDS:
+            warmth = np.asarray(dut.columns[temperature_column(recording, kind)], dtype=np.float64)
+            output = channels_in_si(recording, kind)[1][used]
+            means = block_means("ramp", dut.time_s()[used], output, 40.0, inputs=warmth[used, None])
+            known = tuple(
+                (term.standard_deviation, term.correlation_time_s) for term in slow_noise(recording, kind)
+            )
+            found = fit_ramp(means.blocks, means.inputs[:, 0], known)
+            u = np.sqrt(np.einsum("mii->mi", found.covariance))
+            amplitude = np.array(_parameter(effects[kind, "thermal_hysteresis"], "amplitude_si"))
+            loop = amplitude * mean_difference(place_in_play(warmth)[used], warmth[used])
+            slope = (_rise(effects, kind, found.span_c) + 2.0 * amplitude) / np.ptp(found.span_c)
+            off = np.column_stack([found.hysteresis_si - loop, found.sensitivity_si_per_c - slope])
+            pulls[kind].append((off / u[:, 1:]).ravel())
+            if kind == "gyro":
+                truth = _parameter(effects[kind, "temperature_rate"], "coefficient_rad_per_c")
+                pulls["rate"].append((found.rate_si_s_per_c - truth) / u[:, 0])
+    for each in pulls.values():
+        check_coverage(np.array(each))
 
 
 @pytest.mark.slow
@@ -149,9 +183,7 @@ def test_emulated_units_by_the_whole_route() -> None:
     pulls, signs = [], []
     for seed in range(1, 9):
         found = evaluate_by_profile([recorded("mems_ahrs", "temperature_ramp", seed=seed, rate_hz=1.0)])
-        effects = {
-            (one.sensor, one.word): one for one in product_named("mems_ahrs").twin(seed, "U-0001").effects
-        }
+        effects = _effects(seed)
         for axis, letter in enumerate("xyz"):
             value, u = quantity(found, "gyro", f"temperature_rate_sensitivity_{letter}")
             truth = _parameter(effects["gyro", "temperature_rate"], "coefficient_rad_per_c")[axis]
