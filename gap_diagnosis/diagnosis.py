@@ -93,7 +93,7 @@ def diagnose(
     check_together(recordings)
     observed, by_norm = observed_together(recordings, lambda share: progress("reading", 0.2 * share))
     observations = [with_enough_rows(decimated(one)) for one in lines_taken_off(observed)]
-    observations = [drift_noted(reference_noted(one)) for one in observations]
+    observations = [reference_noted(drift_noted(one)) for one in observations]
     observations += [with_enough_rows(one) for one in by_norm]
     return diagnose_observations(observations, frozenset(without), nulls, progress)
 

@@ -65,7 +65,7 @@ EFFECTS = {
     "frame_loss": "lost frames",
     "duplicate_frames": "doubled frames",
     "counter_wrap": "number overflow",
-    "aliasing": "aliasing",
+    "aliasing": "a tone, perhaps folded down (aliasing)",
     "wobble": "axis wobble",
     "rate_ripple": "rate ripple",
     "encoder_eccentricity": "encoder eccentricity",

@@ -11,23 +11,27 @@ What the motion leaves has lines too. A line counts only if
     it is none of the excitation's     no predicted output, square or modulus of one, and no gimbal's wave has
                                        a line there
     it lasts                           its amplitude and phase are alike in six parts of each recording
+    it does not wander                 no other line of its axis within 0.1 Hz
+    it is not the sensor's own rate    its frames do not repeat themselves by a clock (`renewal`)
 
 Found lines are fitted (own phases in each recording) and taken off, the clearest first.
 """
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from dut_emulator.effects.effect import SI_UNIT
 from gap_diagnosis.line_residuals import LineResiduals, line_residuals
 from gap_diagnosis.line_search import Line, LineSearch
-from gap_diagnosis.observation import AXES, Observation, TimingFinding
+from gap_diagnosis.observation import AXES, Observation, SetAside, TimingFinding
+from gap_diagnosis.renewal import renewal_words, renews_by_itself
 
 MAX_ROWS_TOGETHER = 2_000_000
 SAME_RATE = 1e-5
+WANDERING_HZ = 0.1
 MAINS_HZ, MAINS_TOLERANCE_HZ = (50.0, 60.0), 0.05
 
 
@@ -42,16 +46,51 @@ def without_lines(observations: Sequence[Observation]) -> tuple[list[Observation
     expected_hz = [abs(f - rate_hz * round(f / rate_hz)) for f in MAINS_HZ]
     search = LineSearch([part for part in parts if part is not None], period_s, expected_hz)
     lines = list(search.lines())
-    merged = _merged(lines)
+    wandering = {sensor for sensor in {line.sensor for line in lines} if _wanders(lines, sensor)}
+    merged = [
+        line
+        for line in _merged(lines)
+        if line.sensor not in wandering and not _is_of_renewal(line, observations)
+    ]
     alone = [
         not any(other.sensor != line.sensor and _same_frequency(other, line) for other in merged)
         for line in merged
     ]
     findings = [finding_of(line, period_s, mag_alone) for line, mag_alone in zip(merged, alone, strict=True)]
     return [
-        one if part is None else _with(one, part, findings, merged)
+        one if part is None else _with(_unnamed_noted(one, lines, wandering), part, findings, merged)
         for one, part in zip(observations, parts, strict=True)
     ], lines
+
+
+def _is_of_renewal(line: Line, observations: Sequence[Observation]) -> bool:
+    return any(renews_by_itself(one, line.sensor) for one in observations)
+
+
+def _wanders(lines: Sequence[Line], sensor: str) -> bool:
+    """Lines so near to each other on one axis are one source without a fixed frequency."""
+    mine = [line for line in lines if line.sensor == sensor]
+    return any(
+        not _same_frequency(one, other) and abs(one.frequency_hz - other.frequency_hz) < WANDERING_HZ
+        for number, one in enumerate(mine)
+        for other in mine[:number]
+        if set(one.axes) & set(other.axes)
+    )
+
+
+def _unnamed_noted(one: Observation, lines: Sequence[Line], wandering: Collection[str]) -> Observation:
+    """With a word on each sensor whose lines are those of its own rate, or wander."""
+    notes: list[SetAside] = []
+    for sensor in sorted({line.sensor for line in lines}):
+        if renews_by_itself(one, sensor):
+            notes.append(SetAside(sensor, 0, renewal_words(one, sensor)))
+        elif sensor in wandering:
+            at = ", ".join(
+                f"{f:.4g}" for f in sorted({round(x.frequency_hz, 1) for x in lines if x.sensor == sensor})
+            )
+            why = f"lines about {at} Hz that wander are taken off: no tone of one frequency, so none is named"
+            notes.append(SetAside(sensor, 0, why))
+    return dataclasses.replace(one, set_aside=(*one.set_aside, *notes))
 
 
 def lines_taken_off(observations: Sequence[Observation]) -> list[Observation]:
@@ -95,7 +134,10 @@ def _with(
         for finding, line in zip(findings, lines, strict=True)
         if any((line.sensor, axis) in part.removed for axis in line.axes)
     )
-    return dataclasses.replace(one, outputs=outputs, timing=(*one.timing, *own))
+    notes = (SetAside("line", 0, finding.description.rstrip(".")) for finding in own)
+    return dataclasses.replace(
+        one, outputs=outputs, timing=(*one.timing, *own), set_aside=(*one.set_aside, *notes)
+    )
 
 
 def _waves(part: LineResiduals, line: Line, true_hz: float) -> tuple[tuple[str, float, float, str], ...]:
@@ -147,9 +189,10 @@ def _merged(lines: Sequence[Line]) -> list[Line]:
 
 
 def finding_of(line: Line, period_s: float, is_alone: bool) -> TimingFinding:
-    """The line by the catalogue's name: mains in a magnetometer alone, else a vibration that folded down.
+    """The line by the catalogue's name: mains in a magnetometer alone, else 'link.aliasing'.
 
-    Its true frequency is not to be told from samples; the lowest beyond half the sampling rate is given.
+    Samples of one rate do not tell a tone from one that folded down: the lowest frequency beyond half the
+    sampling rate is given, and the description says what else it may be.
     """
     channels = ", ".join(f"{line.sensor}_{AXES[axis]}" for axis in line.axes)
     rate_hz = 1.0 / period_s
@@ -166,7 +209,9 @@ def finding_of(line: Line, period_s: float, is_alone: bool) -> TimingFinding:
     else:
         name, true_hz = "link.aliasing", rate_hz - seen
         others = ", ".join(f"{f:.5g}" for f in (rate_hz - seen, rate_hz + seen, 2.0 * rate_hz - seen))
-        said += f": true frequencies that fold there are {others} Hz and so on."
+        said += (
+            f": a tone there, or one that folds there from {others} Hz …; samples of one rate do not tell."
+        )
     return TimingFinding(
         name,
         (line.sensor,),

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from gap_diagnosis.candidates import Trial
 from gap_diagnosis.observation import Observation, SetAside
+from gap_diagnosis.reference_noise import is_reference
 
 WORDS = ("warm_up",)
 SAID = "nothing is believed of its slow noise: a drift is not told from warm-up, and none is claimed"
@@ -28,6 +29,8 @@ def without_drifts(trials: Sequence[Trial], observations: Sequence[Observation])
 
 def drift_noted(observation: Observation) -> Observation:
     """The observation, with a word on that among what is not used."""
+    if is_reference(observation):  # beside which nothing of that kind is claimed
+        return observation
     notes = (SetAside(sensor, 0, SAID) for sensor in _silent(observation) if sensor in ("gyro", "acc"))
     return dataclasses.replace(observation, set_aside=(*observation.set_aside, *notes))
 
