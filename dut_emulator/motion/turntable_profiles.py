@@ -20,7 +20,7 @@ KINDS: tuple[ProfileKind, ...] = (
     ProfileKind(
         "static",
         "noise, bias instability, warm-up, Earth rate",
-        (ProfileParameter("duration_s", 120.0, "s", 1.0, 1e6, "how long the unit rests, z up"),),
+        (ProfileParameter("duration_s", 200.0, "s", 1.0, 1e6, "how long the unit rests, z up"),),
     ),
     ProfileKind(
         "multi_position",

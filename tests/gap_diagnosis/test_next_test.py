@@ -79,12 +79,12 @@ def test_slow_noise_hides_a_slow_shape_as_much_as_its_covariance_says():
         noise={Channel("gyro", 0): OutputNoise(WHITE, slow, 100.0)},
     )
     worth = next(
-        one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 120.0
+        one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 200.0
     )
     step = 0.5
-    times = (np.arange(240) + 0.5) * step
-    covariance = slow**2 * np.exp(-np.abs(times[:, None] - times) / 100.0) + np.eye(240) * WHITE**2 / step
-    shape, one = 0.02 * DEG * np.exp(-times / 40.0), np.ones(240)
+    times = (np.arange(400) + 0.5) * step
+    covariance = slow**2 * np.exp(-np.abs(times[:, None] - times) / 100.0) + np.eye(400) * WHITE**2 / step
+    shape, one = 0.02 * DEG * np.exp(-times / 40.0), np.ones(400)
     inverse = np.linalg.inv(covariance)
     expected = shape @ inverse @ shape - (shape @ inverse @ one) ** 2 / (one @ inverse @ one)
     assert worth.distances[0, 1] == pytest.approx(expected, rel=0.03)
@@ -119,7 +119,7 @@ def test_two_levels_of_white_noise_are_told_by_the_number_of_samples():
         noise={Channel("gyro", 2): OutputNoise(WHITE)},
     )
     worth = next(
-        one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 120.0
+        one for one in found.all_ranked if one.test.profile == "static" and one.test.duration_s == 200.0
     )
     ratio = 1.25
     samples = worth.test.duration_s / worth.test.sample_period_s
