@@ -10,8 +10,11 @@ Fine: see `delay_fit`.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
+
+ComplexArray = NDArray[np.complex128]
 
 MAX_GRID_RATE_HZ = 100.0
 MAX_GRID_ROWS = 400_000
@@ -86,20 +89,29 @@ def _correlations(one: FloatArray, other: FloatArray) -> tuple[FloatArray, Float
     """Pooled correlation of one[k] with other[k + lag], and rows of overlap, from lag = 1 − len(one) on."""
     size = 1 << (len(one) + len(other) - 1).bit_length()
 
-    def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
-        lines = np.fft.rfft(a, size).conj() * np.fft.rfft(b, size)
-        ring = np.fft.irfft(lines, size)
-        return np.concatenate([ring[size - len(a) + 1 :], ring[: len(b)]])
+    def lines(series: FloatArray) -> ComplexArray:
+        return np.fft.rfft(series, size)
 
-    known_one, known_other = ((part != 0).any(axis=1).astype(np.float64) for part in (one, other))
-    overlap = np.rint(crossed(known_one, known_other))
+    def lagged(spectrum: ComplexArray) -> FloatArray:
+        ring = np.fft.irfft(spectrum, size)
+        return np.concatenate([ring[size - len(one) + 1 :], ring[: len(other)]])
+
+    known_one, known_other = (lines((part != 0).any(axis=1).astype(np.float64)) for part in (one, other))
+    overlap = np.rint(lagged(known_one.conj() * known_other))
     many = np.maximum(overlap, 1.0)
-    cross, square_one, square_other = np.zeros((3, len(overlap)))
+    cross, square_one, square_other = np.zeros((3, size // 2 + 1), dtype=np.complex128)
+    means, mean_one, mean_other = np.zeros((3, len(overlap)))
     for a, b in zip(one.T, other.T, strict=True):
-        sum_a, sum_b = crossed(a, known_other), crossed(known_one, b)
-        cross += crossed(a, b) - sum_a * sum_b / many
-        square_one += crossed(a**2, known_other) - sum_a**2 / many
-        square_other += crossed(known_one, b**2) - sum_b**2 / many
+        of_a, of_b = lines(a).conj(), lines(b)
+        cross += of_a * of_b
+        square_one += lines(a**2).conj() * known_other
+        square_other += known_one.conj() * lines(b**2)
+        sum_a, sum_b = lagged(of_a * known_other), lagged(known_one.conj() * of_b)
+        means += sum_a * sum_b / many
+        mean_one += sum_a**2 / many
+        mean_other += sum_b**2 / many
+    pooled = lagged(cross) - means
+    square_one, square_other = lagged(square_one) - mean_one, lagged(square_other) - mean_other
     floor = 1e-9 * max(float(square_one.max()), 1e-300) * max(float(square_other.max()), 1e-300)
     both = np.maximum(square_one, 0.0) * np.maximum(square_other, 0.0)
-    return np.where(both > floor, cross / np.sqrt(np.maximum(both, floor)), -1.0), overlap
+    return np.where(both > floor, pooled / np.sqrt(np.maximum(both, floor)), -1.0), overlap
