@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
-from gap_diagnosis.design import NUISANCES, Block, Design
-from gap_diagnosis.fitting import JointFit
+from gap_diagnosis.design import NUISANCES, Design
+from gap_diagnosis.evidence import STEPS_OF_DATA, profile
+from gap_diagnosis.fitting import JointFit, grams_at, joint_terms, noisy_channels
 from gap_diagnosis.observation import Channel
-from gap_diagnosis.search import CauseSet, Search
+from gap_diagnosis.search import Cause, CauseSet, Search, beyond_belief
+from gap_diagnosis.unlisted import UNLISTED, Unlisted
 from gap_diagnosis.whitened import ChannelSystem
 
 Indices = NDArray[np.int64]
@@ -30,12 +32,18 @@ class Attribution:
     """The outcome of the search.
 
     Attributes:
-        best: the most probable set with an effect in it; None where no effect was weighed.
+        best: the most probable set of effects; None where no effect was weighed.
         probability: of `best` among all sets.
+        with_more: probability of `best`, alone or with further causes beside it.
         inclusion: name → probability that it is part of the cause.
         confusable: name of each effect of `best` → others that the test cannot tell from it.
-        class_probability: of all sets that are `best` but for confusable effects.
-        sets: the most probable ones with their probabilities, up to 95 % and at least one.
+        class_probability: of all sets that are `best` but for confusable effects, alone or with further ones.
+        sets: the most probable ones with their probabilities, up to 95 % and at least one. What is missing to
+            the whole are sets with something that is not listed.
+        left_unlisted: gain Q of the most probable unlisted cause beside `best`, less what chance gives; 0 or
+            more.
+        unlisted: probability that something is among the causes that the catalogue does not list.
+        follows: what that follows on which channels; None where nothing of the kind was weighed.
     """
 
     best: CauseSet | None
@@ -44,34 +52,72 @@ class Attribution:
     confusable: Mapping[str, tuple[str, ...]]
     class_probability: float
     sets: tuple[tuple[tuple[str, ...], float], ...]
+    unlisted: float = 0.0
+    follows: str | None = None
+    with_more: float = 0.0
+    left_unlisted: float = 0.0
 
 
 def attribute(
     search: Search, systems: Mapping[Channel, ChannelSystem], design: Design, fit: JointFit | None
 ) -> Attribution:
     """Probabilities over sets, and the class of the best one."""
-    acting = [(one, float(p)) for one, p in zip(search.sets, search.probability, strict=True) if one.causes]
+    weighed = [(one, float(p)) for one, p in zip(search.sets, search.probability, strict=True)]
+    acting = [(one, p) for one, p in weighed if one.causes and UNLISTED not in one.names]
     if not acting:
         return Attribution(None, 0.0, {}, {}, 0.0, (((), 1.0),))
     best, probability = acting[0]
     inclusion: dict[str, float] = {}
-    for one, p in zip(search.sets, search.probability, strict=True):
+    for one, p in weighed:
         for name in one.names:
-            inclusion[name] = inclusion.get(name, 0.0) + float(p)
+            inclusion[name] = inclusion.get(name, 0.0) + p
+    unlisted = inclusion.pop(UNLISTED, 0.0)
     confusable = _confusable(best, systems, design, fit, _rivals_seen(best, probability, acting))
-    in_class = sum(float(p) for one, p in acting if _same_class(one.names, best.names, confusable))
+    in_class = sum(p for one, p in weighed if _same_class(one.names, best.names, confusable))
+    with_more = sum(p for one, p in weighed if set(best.names) <= set(one.names))
     sets: list[tuple[tuple[str, ...], float]] = []
     covered = 0.0
-    for one, p in zip(search.sets[:SETS_KEPT], search.probability, strict=False):
-        sets.append((one.names, float(p)))
-        covered += float(p)
-        if covered >= COVERED:
+    for one, p in weighed[:SETS_KEPT]:
+        covered += p
+        if UNLISTED not in one.names:
+            sets.append((one.names, p))
+        if covered >= COVERED and sets:
             break
-    return Attribution(best, probability, inclusion, confusable, in_class, tuple(sets))
+    follows = _followed(weighed, design)
+    return Attribution(
+        best,
+        probability,
+        inclusion,
+        confusable,
+        in_class,
+        tuple(sets),
+        unlisted,
+        follows,
+        with_more,
+        _left_unlisted(best, search),
+    )
+
+
+def _left_unlisted(best: CauseSet, search: Search) -> float:
+    """See `Attribution`."""
+    more = tuple(sorted((*best.names, UNLISTED)))
+    gained = (one.log_bayes_factor - best.log_bayes_factor for one in search.sets if one.names == more)
+    return 2.0 * max(0.0, *gained, 0.0)
+
+
+def _followed(weighed: Sequence[tuple[CauseSet, float]], design: Design) -> str | None:
+    """What the most probable unlisted cause follows, and where."""
+    causes = (cause for one, _ in weighed for cause in one.causes if cause.name == UNLISTED)
+    cause = next(causes, None)
+    if cause is None:
+        return None
+    (form,) = design.trials[cause.trial].effects
+    on = ", ".join(channel.name for channel in cause.channels)
+    return f"{on} follows {form.description}" if isinstance(form, Unlisted) else None
 
 
 def _same_class(names: Sequence[str], best: Sequence[str], confusable: Mapping[str, tuple[str, ...]]) -> bool:
-    """Each effect of `best` is there, or one that is confusable with it; and nothing else."""
+    """Each effect of `best` is there, or one that is confusable with it."""
     left = list(names)
     for name in best:
         there = next((other for other in left if other == name), None) or next(
@@ -80,7 +126,7 @@ def _same_class(names: Sequence[str], best: Sequence[str], confusable: Mapping[s
         if there is None:
             return False
         left.remove(there)
-    return not left
+    return True
 
 
 def _rivals_seen(
@@ -110,6 +156,7 @@ def _confusable(
     signals = (
         {} if fit is None else {cause.name: d for cause, d in zip(fit.causes, _signals(fit), strict=True)}
     )
+    grams, of_cause = _signals_of(best.causes, systems, design)
     for cause in best.causes:
         if cause.trial < 0:
             found[cause.name] = tuple(
@@ -118,13 +165,12 @@ def _confusable(
                 else ()
             )
             continue
-        own = [design.blocks[b] for b in cause.blocks]
-        explained = _explained(own, design, systems)
+        explained = _explained(of_cause[cause], design, grams)
         d2 = signals.get(cause.name, 0.0) ** 2
         alike = {
             name
             for name, share in explained.items()
-            if name != cause.name
+            if name not in (cause.name, UNLISTED)
             and (
                 0.5 * d2 * (1.0 - share) < CONFUSABLE_LOG_BAYES
                 or (share > MOSTLY and name in seen.get(cause.name, ()))
@@ -141,27 +187,46 @@ def _signals(fit: JointFit) -> list[float]:
     return by_cause
 
 
-def _explained(
-    own: Sequence[Block], design: Design, systems: Mapping[Channel, ChannelSystem]
-) -> dict[str, float]:
-    """Name → the largest share of the effect's whitened signal that one of its trials explains, ρ²."""
-    signal = _signal_of(own, systems)
-    total = sum(float(a @ _gram(systems[c], i, i) @ a) for c, (i, a) in signal.items())
+_Signal = dict[Channel, tuple[Indices, FloatArray]]
+"""Channel → columns, and the amplitudes fitted to them."""
+
+
+def _signals_of(
+    causes: Sequence[Cause], systems: Mapping[Channel, ChannelSystem], design: Design
+) -> tuple[dict[Channel, FloatArray], dict[Cause, _Signal]]:
+    """XᵀC⁻¹X of each channel at the noise that is likely beside the causes; the signal of each."""
+    noisy = noisy_channels(causes)
+    seen = {c: beyond_belief(s, noisy[c]) if c in noisy else s for c, s in systems.items()}
+    acting = [cause for cause in causes if cause.trial >= 0]
+    places, terms = joint_terms(seen, design, acting)
+    amplitude = profile(terms, STEPS_OF_DATA)[1][0, 0] if terms else np.zeros(0)
+    found: dict[Cause, _Signal] = {cause: {} for cause in acting}
+    for (number, block, k), value in zip(places, amplitude, strict=True):
+        signal = found[acting[number]]
+        for channel, columns in design.blocks[block].columns.items():
+            if columns[k] >= 0 and channel in seen:
+                index, a = signal.get(channel, (np.zeros(0, dtype=np.int64), np.zeros(0)))
+                signal[channel] = np.append(index, columns[k]), np.append(a, value)
+    return grams_at(seen, design, acting, amplitude), found
+
+
+def _explained(signal: _Signal, design: Design, grams: Mapping[Channel, FloatArray]) -> dict[str, float]:
+    """Name → the largest share of a whitened signal that one of its trials explains, ρ²."""
+    total = sum(float(a @ _part(grams[c], i, i) @ a) for c, (i, a) in signal.items())
     if total <= 0.0:
         return {}
     by_trial: dict[int, float] = {}
     for block in design.blocks:
-        share = 0.0
         k = len(block.scalars)
         gram, cross = np.zeros((k, k)), np.zeros(k)
         for channel, columns in block.columns.items():
-            if channel not in systems:
+            if channel not in grams:
                 continue
             held = columns >= 0
-            gram[np.ix_(held, held)] += _gram(systems[channel], columns[held], columns[held])
+            gram[np.ix_(held, held)] += _part(grams[channel], columns[held], columns[held])
             if channel in signal:
                 index, amplitude = signal[channel]
-                cross[held] += _gram(systems[channel], columns[held], index) @ amplitude
+                cross[held] += _part(grams[channel], columns[held], index) @ amplitude
         gram[np.diag_indices(k)] += 1e-7 * np.diag(gram) + 1e-12
         share = float(cross @ np.linalg.solve(gram, cross))
         by_trial[block.trial] = by_trial.get(block.trial, 0.0) + share
@@ -172,32 +237,5 @@ def _explained(
     return shares
 
 
-def _signal_of(
-    own: Sequence[Block], systems: Mapping[Channel, ChannelSystem]
-) -> dict[Channel, tuple[Indices, FloatArray]]:
-    """Channel → columns and fitted amplitudes of the blocks, each block by itself."""
-    found: dict[Channel, tuple[Indices, FloatArray]] = {}
-    for block in own:
-        k = len(block.scalars)
-        gram, cross = np.zeros((k, k)), np.zeros(k)
-        for channel, columns in block.columns.items():
-            held = columns >= 0
-            system = systems[channel]
-            gram[np.ix_(held, held)] += _gram(system, columns[held], columns[held])
-            cross[held] += system.cross[_likeliest(system), columns[held] - NUISANCES, 0]
-        gram[np.diag_indices(k)] += 1e-7 * np.diag(gram) + 1e-12
-        amplitude = np.asarray(np.linalg.solve(gram, cross), dtype=np.float64)
-        for channel, columns in block.columns.items():
-            held = columns >= 0
-            index, a = found.get(channel, (np.zeros(0, dtype=np.int64), np.zeros(0)))
-            found[channel] = np.concatenate([index, columns[held]]), np.concatenate([a, amplitude[held]])
-    return found
-
-
-def _likeliest(system: ChannelSystem) -> int:
-    use = slice(0, system.believed)
-    return int(np.argmax(system.log_likelihood[use, 0] + system.log_weight[use]))
-
-
-def _gram(system: ChannelSystem, rows: Indices, columns: Indices) -> FloatArray:
-    return system.gram[_likeliest(system)][np.ix_(rows - NUISANCES, columns - NUISANCES)]
+def _part(gram: FloatArray, rows: Indices, columns: Indices) -> FloatArray:
+    return gram[np.ix_(rows - NUISANCES, columns - NUISANCES)]

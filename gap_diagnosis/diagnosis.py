@@ -24,6 +24,7 @@ from gap_diagnosis.enough_rows import with_enough_rows
 from gap_diagnosis.findings import Findings
 from gap_diagnosis.fitting import JointFit, fit_set, noisy_channels
 from gap_diagnosis.held_out import HeldOut, hold_out
+from gap_diagnosis.jumps import Jump, jumps_of_noise
 from gap_diagnosis.localisation import Localisation, localise
 from gap_diagnosis.norm_trials import norm_trials, without_the_untold
 from gap_diagnosis.observation import Channel, Observation
@@ -39,6 +40,7 @@ from gap_diagnosis.switched_field import switched_trials
 from gap_diagnosis.together import check_together
 from gap_diagnosis.unknown_drift import drift_noted, without_drifts
 from gap_diagnosis.unknown_heading import with_headings
+from gap_diagnosis.unlisted import UNLISTED, unlisted_trials
 from gap_diagnosis.visible import visible_only
 from gap_diagnosis.whitened import ChannelSystem, NullNoise
 from gap_diagnosis.without_stand import observed_together
@@ -107,12 +109,7 @@ def diagnose_observations(
     """The same, from observations."""
     rng = np.random.Generator(np.random.PCG64(SEED))
     progress("columns", 0.2)
-    listed = with_headings(trials_for(observations, without), observations)
-    offered = [*listed, *switched_trials(observations, without)]
-    offered = without_drifts(offered, observations)
-    offered = [*without_the_untold(offered, observations), *norm_trials(observations, without)]
-    trials = claimable(offered, observations)
-    beside_reference = len(trials) < len(offered)
+    trials, beside_reference = _offered(observations, without)
     prepared = visible_only(prepare(observations, trials, nulls, rng, keep_columns=False))
     if not prepared.moments:
         raise TestloomError(
@@ -128,7 +125,7 @@ def diagnose_observations(
     progress("which", 0.6)
     noises = [] if beside_reference else _noises(systems, without)
     searched, systems, found = _searched(observations, prepared, systems, noises, rng)
-    best = next((one for one in found.sets if one.causes), None)
+    best = next((one for one in found.sets if one.causes and UNLISTED not in one.names), None)
     fit = held = None
     left: Remainder | None = None
     if best is not None:
@@ -155,9 +152,23 @@ def diagnose_observations(
         timing,
         without,
         rivals=left.rivals if left else (),
+        jumps=left.jumps if left else (),
         oddities=oddities_of(observations, without),
     )
     return with_next_test(report_of(findings), observations, searched, found, attribution)
+
+
+def _offered(observations: Sequence[Observation], without: frozenset[str]) -> tuple[list[Trial], bool]:
+    """What is searched among; whether the stand is a reference beside which little can be claimed."""
+    listed = with_headings(trials_for(observations, without), observations)
+    offered = [*listed, *switched_trials(observations, without)]
+    offered = without_drifts(offered, observations)
+    offered = [*without_the_untold(offered, observations), *norm_trials(observations, without)]
+    trials = claimable(offered, observations)
+    beside_reference = len(trials) < len(offered)
+    if not beside_reference:  # else what it does not tell would look like something unlisted
+        trials += unlisted_trials(observations)
+    return trials, beside_reference
 
 
 def _searched(
@@ -185,7 +196,7 @@ def _searched(
 
 def _sharper_trials(observations: Sequence[Observation], searched: Prepared, found: Search) -> list[Trial]:
     """The shapes of the best set where they lie between the grid's, for effects that are clear enough."""
-    best = found.sets[0]
+    best = next(one for one in found.sets if UNLISTED not in one.names)
     shaped = [
         cause for cause in best.causes if cause.trial >= 0 and has_shape(searched.design.trials[cause.trial])
     ]
@@ -218,10 +229,12 @@ def _noises(systems: Mapping[Channel, ChannelSystem], without: frozenset[str]) -
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the best set leaves: a localisation with the set's own columns taken out."""
+    """What the best set leaves: a localisation with the set's own columns taken out; rivals and jumps of what
+    passes for slow noise."""
 
     located: Localisation
     rivals: tuple[Rival, ...]
+    jumps: tuple[Jump, ...]
 
 
 def remainder(
@@ -235,6 +248,8 @@ def remainder(
     """Cells and noise again, data and nulls alike without the set's refined columns."""
     trials: list[Trial] = [] if fit is None else list(fit.prepared.design.trials)
     systems = prepared.systems()
+    columns = {} if fit is None else {c: one.matrices for c, one in fit.prepared.design.channels.items()}
+    jumps = jumps_of_noise(prepared, systems, causes, columns)
     noise = dict(prepared.noise)
     for channel, shapes in noisy_channels(causes).items():
         noise[channel] = _as_noisy(noise[channel], beyond_belief(systems[channel], shapes), rng)
@@ -252,7 +267,7 @@ def remainder(
         if cause.trial < 0:
             systems = projected(systems, again.design, cause)
     nothing = Scan({"": np.zeros(nulls + 1)}, np.zeros((0, nulls + 1)), {})
-    return Remainder(localise(again, systems, nothing, white=False), tuple(rivals))
+    return Remainder(localise(again, systems, nothing, white=False), tuple(rivals), tuple(jumps))
 
 
 def _as_noisy(noise: ChannelNoise, beyond: ChannelSystem, rng: np.random.Generator) -> ChannelNoise:

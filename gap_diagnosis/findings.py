@@ -8,14 +8,17 @@ from dataclasses import dataclass
 from gap_diagnosis.attribution import Attribution
 from gap_diagnosis.fitting import JointFit
 from gap_diagnosis.held_out import HeldOut
+from gap_diagnosis.jumps import Jump
 from gap_diagnosis.localisation import Localisation
 from gap_diagnosis.observation import Channel, Observation, Oddity, TimingFinding
 from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.rivals import Rival
-from gap_diagnosis.search import EXPECTED_EFFECTS, Search
+from gap_diagnosis.search import Search
 
 SIGNIFICANT_P = 0.05
 LARGEST_FACTOR = 30.0
+EXPECTED_CLAIMS = 0.05
+"""Prior number of triads whose white noise is beyond its spread: it is claimed beside whatever else acts."""
 FIELD: Mapping[str, tuple[str, float]] = {
     "gyro": ("deg/s", math.pi / 180.0),
     "acc": ("m/s^2", 1.0),
@@ -49,6 +52,7 @@ class Findings:
     timing: tuple[TimingFinding, ...]
     without: frozenset[str]
     rivals: tuple[Rival, ...] = ()
+    jumps: tuple[Jump, ...] = ()
     oddities: tuple[Oddity, ...] = ()
 
 
@@ -64,7 +68,7 @@ class NoiseClaim:
 def noise_claims(found: Findings) -> list[NoiseClaim]:
     """White noise beyond the spread that the belief allows: of a triad as a whole, or of one axis."""
     claims: list[NoiseClaim] = []
-    threshold = math.log(max(found.search.effects, 1) / EXPECTED_EFFECTS)
+    threshold = math.log(max(found.search.effects, 1) / EXPECTED_CLAIMS)
     for sensor, name in WHITE_NAMES.items():
         if name in found.without:
             continue

@@ -13,7 +13,7 @@ from dut_emulator.effects.effect import FloatArray
 from dut_emulator.effects.parameters import scalars, with_values
 from gap_diagnosis.candidates import Trial, is_curve, refined_trials
 from gap_diagnosis.design import NUISANCES, Design
-from gap_diagnosis.evidence import STEPS_OF_DATA, Terms, profile
+from gap_diagnosis.evidence import STEPS_OF_DATA, Terms, log_sum_exp, profile
 from gap_diagnosis.observation import Channel, Observation
 from gap_diagnosis.prepared import ChannelNoise, Prepared, prepare
 from gap_diagnosis.search import Cause, beyond_belief
@@ -174,7 +174,8 @@ def _fitted(
     covariance = np.asarray(
         np.linalg.pinv(_information(terms, amplitude[0, 0]), hermitian=True), dtype=np.float64
     )
-    effects = _effects(prepared, systems, causes, places, amplitude[0, 0], covariance)
+    grams = grams_at(systems, prepared.design, causes, amplitude[0, 0])
+    effects = _effects(prepared, grams, causes, places, amplitude[0, 0], covariance)
     return JointFit(
         tuple(causes), prepared, amplitude[0, 0], covariance, tuple(places), float(gain[0, 0]), effects
     )
@@ -241,9 +242,29 @@ def level_weights(term: Terms, amplitude: FloatArray) -> FloatArray:
     return weight / weight.sum()
 
 
+def grams_at(
+    systems: Mapping[Channel, ChannelSystem], design: Design, causes: Sequence[Cause], amplitude: FloatArray
+) -> dict[Channel, FloatArray]:
+    """Channel → (p, p) XᵀC⁻¹X, the levels of its noise weighed as they are likely once the causes act.
+
+    amplitude (k,): of the causes' scalars, in the order of `joint_terms`.
+    """
+    found: dict[Channel, FloatArray] = {}
+    for channel, system in systems.items():
+        use = slice(0, system.believed)
+        terms = joint_terms({channel: system}, design, causes)[1]
+        if terms:
+            weight = level_weights(terms[0], amplitude)
+        else:
+            score = system.log_likelihood[use, 0] + system.log_weight[use]
+            weight = np.exp(score - log_sum_exp(score, 0))
+        found[channel] = np.asarray(np.tensordot(weight, system.gram[use], 1), dtype=np.float64)
+    return found
+
+
 def _effects(
     prepared: Prepared,
-    systems: Mapping[Channel, ChannelSystem],
+    grams: Mapping[Channel, FloatArray],
     causes: Sequence[Cause],
     places: Sequence[tuple[int, int, int]],
     amplitude: FloatArray,
@@ -261,13 +282,13 @@ def _effects(
             ]
             if not mine:
                 continue
-            found.append(_effect(prepared, systems, effect, mine, places, amplitude, covariance))
+            found.append(_effect(prepared, grams, effect, mine, places, amplitude, covariance))
     return tuple(found)
 
 
 def _effect(
     prepared: Prepared,
-    systems: Mapping[Channel, ChannelSystem],
+    grams: Mapping[Channel, FloatArray],
     effect: CatalogueEffect,
     mine: Sequence[int],
     places: Sequence[tuple[int, int, int]],
@@ -297,11 +318,7 @@ def _effect(
     for channel, own in parts.items():
         index = np.array([column for column, _ in own])
         a = np.array([value for _, value in own])
-        system = systems[channel]
-        likely = int(
-            np.argmax(system.log_likelihood[: system.believed, 0] + system.log_weight[: system.believed])
-        )
-        gram = system.gram[likely][np.ix_(index - NUISANCES, index - NUISANCES)]
+        gram = grams[channel][np.ix_(index - NUISANCES, index - NUISANCES)]
         signal += float(a @ gram @ a)
         rms[channel] = rms_added(prepared, channel, index, a)
     name = design.trials[places[mine[0]][0]].name

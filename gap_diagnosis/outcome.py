@@ -1,21 +1,25 @@
 # pyright: strict
 """From findings to the report's document: verdict, where, which, how far."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gap_diagnosis.drawings import drawn
 from gap_diagnosis.findings import SIGNIFICANT_P, Findings, NoiseClaim, alike, certain_oddities, noise_claims
 from gap_diagnosis.held_out import Shrinkage, shrinkage_of
+from gap_diagnosis.jumps import CLEARLY_P
 from gap_diagnosis.localisation import Localisation
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
 from gap_diagnosis.report_entries import not_used, sets_of, shrinkage_document, which
 from gap_diagnosis.report_places import where
 
-REMAINDER_P = 0.01
+REMAINDER_P = 0.002
+"""Beyond all nulls: what is left by an effect that is not listed is mostly told by its forms (`unlisted`)."""
 NAMED_PROBABILITY = 0.95
 CLOSED_SHARE = 0.8
+UNLISTED_PROBABILITY = 0.5
+"""From here on that something unlisted acts is likelier than not, and is what the report says."""
 MAX_ODDITIES = 3
 _NAMED = ("attributed", "confusable")
 
@@ -75,34 +79,49 @@ def _verdict(
     if certain_oddities(found):
         return "unattributed", None
     best = found.attribution.best
-    deterministic = [cause for cause in best.causes if cause.trial >= 0] if best is not None else []
-    probability = found.attribution.probability
     if best is None or (found.search.sets and not found.search.sets[0].causes):
         return _without_a_set(found, noises)
-    if found.rivals:
-        rival = found.rivals[0]
-        return (
-            "unattributed",
-            f"{rival.channel.name} follows {rival.variable} in a way that no effect of the catalogue does",
-        )
-    if found.left is not None and found.left.p < REMAINDER_P:
-        return "unattributed", _describe(found.left)
-    if found.held is not None:
-        idle = [cause.name for number, cause in enumerate(deterministic) if not found.held.gains(number)]
-        if idle:
-            return "unattributed", f"{', '.join(idle)} gains nothing on held-out data"
-    if (
-        shrinkage is not None
-        and shrinkage.interval_95[1] < CLOSED_SHARE
-        and len(best.causes) == len(deterministic)
-    ):
-        share = 100.0 * shrinkage.fraction_closed
-        return "unattributed", f"the best set closes {share:.0f} % of the gap on held-out data"
-    if probability >= NAMED_PROBABILITY:
+    against = _against(found, shrinkage)
+    if against is not None:
+        return "unattributed", against
+    if found.attribution.with_more >= NAMED_PROBABILITY:
         return ("confusable" if any(alike(one) for one in found.timing) else "attributed"), None
     if found.attribution.class_probability >= NAMED_PROBABILITY:
         return "confusable", None
-    return "unattributed", "no set of effects is likely enough"
+    return "unattributed", _likeliest(found.attribution.inclusion)
+
+
+def _against(found: Findings, shrinkage: Shrinkage | None) -> str | None:
+    """What speaks against the best set, in words: something unlisted, noise that is none, what it leaves."""
+    named = found.attribution.best.causes if found.attribution.best is not None else ()
+    deterministic = [cause for cause in named if cause.trial >= 0]
+    if found.attribution.unlisted > UNLISTED_PROBABILITY:
+        return f"{found.attribution.follows} in a way that no effect of the catalogue does"
+    if found.rivals:
+        rival = found.rivals[0]
+        return f"{rival.channel.name} follows {rival.variable} in a way that no effect of the catalogue does"
+    if found.jumps and found.jumps[0].p * len(found.jumps) < CLEARLY_P:
+        jump = found.jumps[0]
+        run = found.prepared.observations[jump.recording].recording_id
+        return f"{jump.channel.name} jumps at {jump.at_s:.4g} s of {run}, as noise does not"
+    if found.left is not None and found.left.p < REMAINDER_P:
+        return _describe(found.left)
+    if found.held is not None:
+        idle = [cause.name for number, cause in enumerate(deterministic) if not found.held.gains(number)]
+        if idle:
+            return f"{', '.join(idle)} gains nothing on held-out data"
+    if shrinkage is not None and shrinkage.interval_95[1] < CLOSED_SHARE and len(named) == len(deterministic):
+        share = 100.0 * shrinkage.fraction_closed
+        return f"the best set closes {share:.0f} % of the gap on held-out data"
+    return None
+
+
+def _likeliest(inclusion: Mapping[str, float]) -> str:
+    """What is known where no set is likely enough: effects that are part of nearly all sets."""
+    sure = sorted(name for name, p in inclusion.items() if p >= NAMED_PROBABILITY)
+    if not sure:
+        return "no set of effects is likely enough"
+    return f"{', '.join(sure)} is likely, and what acts beside it is not clear"
 
 
 def _without_a_set(found: Findings, noises: Sequence[NoiseClaim]) -> tuple[Verdict, str | None]:
@@ -133,5 +152,4 @@ def _describe(located: Localisation) -> str:
 def _shrinkage(found: Findings) -> Shrinkage | None:
     if found.held is None or not found.held.folds or found.fit is None:
         return None
-    unexplained = 0.0
-    return shrinkage_of(found.held, unexplained)
+    return shrinkage_of(found.held, found.attribution.left_unlisted)

@@ -2,9 +2,9 @@
 
 An effect has trials (its shapes) and a trial has blocks (its channels). Blocks take part or not, all
 subsets alike; shapes are alike; so an effect's ln B is a mean over both. One effect, whichever, has prior
-odds of 3 against none; each further one the prior 0.05 / effects. A set is built by adding effects to the
-best smaller ones, whose own columns are then projected out: each addition is a search for a single effect in
-what is left.
+odds of 3 against none; each further one the prior 0.2 / effects; something that is not listed takes 0.03 of
+either. A set is built by adding effects to the best smaller ones, whose own columns are then projected out:
+each addition is a search for a single effect in what is left.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,13 +25,16 @@ from gap_diagnosis.evidence import (
     log_sum_exp,
 )
 from gap_diagnosis.observation import Channel
+from gap_diagnosis.unlisted import UNLISTED
 from gap_diagnosis.whitened import ChannelSystem
 
 MAX_EFFECTS = 3
 ODDS_OF_A_GAP = 3.0
 """Prior odds of some effect against none: who asks for a diagnosis has a reason."""
-EXPECTED_EFFECTS = 0.05
+EXPECTED_EFFECTS = 0.2
 """Prior number of effects beyond the first."""
+UNLISTED_SHARE = 0.03
+"""Prior share of gaps, or of what is left of one, that follow a variable as no listed effect does."""
 INEXACT = 5e-3
 """How far a regressor is off the truth (interpolation, second orders): what is left of a very clear effect
 must not look like another one, so an addition has to gain more than this share squared of what is there."""
@@ -275,23 +278,26 @@ def search(
         if not ranked:
             break
         best_smaller = max(one.log_bayes_factor for one in grown)
-        grown = [one for one in ranked[:BEAM] if one.log_bayes_factor > best_smaller + WORTH_ADDING]
+        listed = [one for one in ranked if UNLISTED not in one.names][:BEAM]
+        grown = [one for one in listed if one.log_bayes_factor > best_smaller + WORTH_ADDING]
         if not grown:
             break
-    names = len(single)
+    names = len(single.keys() - {UNLISTED})
     sets = list(found.values())
-    score = np.array([one.log_bayes_factor + _log_prior(len(one.causes), names) for one in sets])
+    score = np.array([one.log_bayes_factor + _log_prior(one.names, names) for one in sets])
     probability = np.exp(score - log_sum_exp(score, 0))
     order = np.argsort(-probability, kind="stable")
     return Search(tuple(sets[i] for i in order), probability[order], single, names)
 
 
-def _log_prior(size: int, names: int) -> float:
-    """Of a set of `size` effects out of `names`, but for a constant."""
-    if not size:
+def _log_prior(members: Sequence[str], names: int) -> float:
+    """Of a set out of `names` effects and something that is not listed, but for a constant."""
+    if not members:
         return 0.0
-    first = np.log(ODDS_OF_A_GAP)
-    return first - size * np.log(max(names, 1)) + (size - 1) * np.log(EXPECTED_EFFECTS)
+    unlisted = members.count(UNLISTED)
+    listed = len(members) - unlisted
+    share = listed * np.log((1.0 - UNLISTED_SHARE) / max(names, 1)) + unlisted * np.log(UNLISTED_SHARE)
+    return np.log(ODDS_OF_A_GAP) + share + (len(members) - 1) * np.log(EXPECTED_EFFECTS)
 
 
 def _additions(

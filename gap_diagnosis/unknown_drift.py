@@ -19,7 +19,7 @@ SAID = "nothing is believed of its slow noise: a drift is not told from warm-up,
 
 def without_drifts(trials: Sequence[Trial], observations: Sequence[Observation]) -> list[Trial]:
     """The trials without such effects on triads of which no slow noise is believed."""
-    silent = {sensor for one in observations for sensor in _silent(one)}
+    silent = {sensor for one in observations for sensor in wandering(one)}
     return [
         trial
         for trial in trials
@@ -31,11 +31,12 @@ def drift_noted(observation: Observation) -> Observation:
     """The observation, with a word on that among what is not used."""
     if is_reference(observation):  # beside which nothing of that kind is claimed
         return observation
-    notes = (SetAside(sensor, 0, SAID) for sensor in _silent(observation) if sensor in ("gyro", "acc"))
+    notes = (SetAside(sensor, 0, SAID) for sensor in wandering(observation) if sensor in ("gyro", "acc"))
     return dataclasses.replace(observation, set_aside=(*observation.set_aside, *notes))
 
 
-def _silent(one: Observation) -> list[str]:
+def wandering(one: Observation) -> list[str]:
+    """Triads of which no slow noise is believed."""
     return [
         sensor
         for sensor, output in one.outputs.items()

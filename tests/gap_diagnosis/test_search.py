@@ -8,7 +8,16 @@ from gap_diagnosis.candidates import trials_for
 from gap_diagnosis.diagnosis import diagnose_observations
 from gap_diagnosis.fitting import fit_set
 from gap_diagnosis.prepared import prepare
-from gap_diagnosis.search import EXPECTED_EFFECTS, _any_of, _log_prior, _without_columns, search
+from gap_diagnosis.search import (
+    EXPECTED_EFFECTS,
+    ODDS_OF_A_GAP,
+    UNLISTED_SHARE,
+    _any_of,
+    _log_prior,
+    _without_columns,
+    search,
+)
+from gap_diagnosis.unlisted import UNLISTED
 from gap_diagnosis.whitened import ChannelSystem
 from tests.gap_diagnosis.synthetic_observations import DEG, SLOW, generator, motion, observed
 
@@ -111,8 +120,12 @@ def test_an_effect_on_any_axes_is_the_mean_over_all_of_them():
 
 
 def test_prior_of_one_effect_is_that_of_any_catalogue_and_a_second_is_rarer():
-    assert 20 * np.exp(_log_prior(1, 20)) == pytest.approx(40 * np.exp(_log_prior(1, 40)))
-    assert 20 * np.exp(_log_prior(2, 20) - _log_prior(1, 20)) == pytest.approx(EXPECTED_EFFECTS)
+    one, two, unlisted = ("a",), ("a", "b"), (UNLISTED,)
+    assert 20 * np.exp(_log_prior(one, 20)) == pytest.approx(40 * np.exp(_log_prior(one, 40)))
+    of_all = (1.0 - UNLISTED_SHARE) * EXPECTED_EFFECTS
+    assert 20 * np.exp(_log_prior(two, 20) - _log_prior(one, 20)) == pytest.approx(of_all)
+    every = 20 * np.exp(_log_prior(one, 20)) + np.exp(_log_prior(unlisted, 20))
+    assert every == pytest.approx(ODDS_OF_A_GAP)
 
 
 def test_a_static_record_offers_no_effect_of_motion():
