@@ -16,10 +16,12 @@ from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.observation import Observation
 
 LEAST_REPEATED, MOST_REPEATED = 0.05, 0.95
-TIMES_CHANCE = 5.0
-"""All axes repeat together so much more often than if each did by its quantum alone."""
+COMMON_SHARE = 0.5
+"""Of what an axis repeats: beyond what all axes do together by their quanta alone, so much is common."""
 LEAST_POWER = 100.0
-"""Over the median: noise reaches 20 with a hundred thousand lines."""
+"""Over the median of lines near by: noise reaches 20 with a hundred thousand lines."""
+LEAST_HZ, LINES_NEAR_BY = 1.0, 256
+"""Below, a rest between motions repeats itself too."""
 LEAST_ROWS = 2000
 
 
@@ -31,9 +33,13 @@ def repeats(values_si: FloatArray) -> FloatArray | None:
     same: NDArray[np.bool_] = values_si[1:, there] == values_si[:-1, there]
     all_same: NDArray[np.bool_] = np.logical_and.reduce(same, axis=1)
     together = np.count_nonzero(all_same) / len(same)
-    by_chance = math.prod(np.count_nonzero(same[:, n]) / len(same) for n in range(len(there)))
-    if not LEAST_REPEATED < together < MOST_REPEATED or (
-        len(there) > 1 and together < TIMES_CHANCE * by_chance
+    alone = [np.count_nonzero(same[:, n]) / len(same) for n in range(len(there))]
+    by_chance = math.prod(alone) if len(alone) > 1 else 0.0
+    if not LEAST_REPEATED < together < MOST_REPEATED:
+        return None
+    if (
+        together - by_chance < COMMON_SHARE * (max(alone) - by_chance)
+        or max(alone) < by_chance + LEAST_REPEATED
     ):
         return None
     return all_same.astype(np.float64)
@@ -45,7 +51,12 @@ def renews_by_itself(observation: Observation, sensor: str) -> bool:
     if pattern is None:
         return False
     power = np.abs(np.fft.rfft((pattern - pattern.mean()) * np.hanning(len(pattern)))) ** 2
-    return bool(power.max() > LEAST_POWER * np.median(power))
+    first = math.ceil(LEAST_HZ * len(pattern) * observation.sample_period_s)
+    count = (len(power) - first) // LINES_NEAR_BY
+    if count < 1:
+        return False
+    near_by = power[first : first + count * LINES_NEAR_BY].reshape(count, LINES_NEAR_BY)
+    return bool((near_by.max(axis=1) > LEAST_POWER * np.median(near_by, axis=1)).any())
 
 
 def renewal_words(observation: Observation, sensor: str) -> str:
