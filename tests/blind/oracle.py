@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CONFUSABLE_LN_B = 3.0
-LN_PRIOR_OF_AN_EFFECT = float(np.log(0.1))
-"""Of each further effect in a set, beside the choice which one it is."""
+LN_PRIOR_OF_A_SECOND = float(np.log(0.2))
+"""Of a second effect, whichever: about as many pairs as that there are in a set, for each single effect."""
 _D2 = np.array(LADDER) ** 2
 
 
@@ -128,7 +128,8 @@ def _best_set(
 ) -> dict[str, Any]:
     """The most probable set of up to two effects: every second one beside the eight best first ones."""
     names = np.array([option.effect for option in options])
-    sets = {(name,): ln + LN_PRIOR_OF_AN_EFFECT for name, ln in ln_b.items()}
+    sets = {(name,): ln for name, ln in ln_b.items()}
+    ln_prior = LN_PRIOR_OF_A_SECOND - np.log(len(ln_b))
     for first in sorted(set(names), key=lambda name: -ln_b[name])[:8]:
         best = max(np.flatnonzero(names == first), key=lambda i: ln_options[i])
         index = np.array(options[best].columns)
@@ -139,7 +140,7 @@ def _best_set(
         for second, ln in given.items():
             if second != first:
                 key = tuple(sorted((str(first), second)))
-                sets[key] = max(sets.get(key, -np.inf), ln_b[first] + ln + 2 * LN_PRIOR_OF_AN_EFFECT)
+                sets[key] = max(sets.get(key, -np.inf), ln_b[first] + ln + ln_prior)
     ranking = sorted(sets, key=lambda key: -sets[key])
     return {"sets": [list(key) for key in ranking[:3]]}
 
