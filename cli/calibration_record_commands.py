@@ -62,7 +62,7 @@ def apply(
 
     used = read_record(record)
     _refuse_existing(out)
-    done = apply_record(used, read_recording(recording))
+    done = apply_record(used, read_recording(_only_recording(recording)))
     if form_of(out) == "mcap":
         try:
             out.parent.mkdir(parents=True, exist_ok=True)
@@ -273,6 +273,22 @@ def _warnings(record: "CalibrationRecord", done: "Compensation") -> list[str]:
     if record.stand is not None and record.stand.calibration_overdue:
         warnings.append(say("The stand's own calibration was overdue when the record was measured."))
     return warnings
+
+
+def _only_recording(path: Path) -> Path:
+    """The recording at a path, or the one that a folder of recordings holds."""
+    from protocol.adapters.recording_forms import recordings_below
+    from protocol.errors import Fault, RecordingError
+
+    found = recordings_below(path)
+    if len(found) > 1:
+        raise RecordingError(
+            f"{len(found)} recordings lie in this folder, and one is compensated at a time.",
+            where=str(path),
+            fault=Fault.OPERATOR,
+            remedy=f"name one of them, such as {found[0]}.",
+        )
+    return found[0]
 
 
 def _refuse_existing(out: Path) -> None:

@@ -54,7 +54,8 @@ def translated(sentence: str, language: str | None = None) -> str:
     """An English sentence that is filled in already, an error's say, in the chosen language.
 
     The catalogue's templates are read backwards, those with the most words of their own first:
-    'No route {route}.' recognises 'No route x.'. What no template makes stays English.
+    'No route {route}.' recognises 'No route x.'. A field that holds words, not a name, is read in the same
+    way. What no template makes stays English.
     """
     if (language or chosen_language()) != "zh" or not sentence:
         return sentence
@@ -63,8 +64,12 @@ def translated(sentence: str, language: str | None = None) -> str:
     for pattern, chinese in _chinese_by_pattern():
         found = pattern.fullmatch(sentence)
         if found is not None:
-            return chinese.format(**found.groupdict())
+            return chinese.format(**{name: _in_a_field(text) for name, text in found.groupdict().items()})
     return sentence
+
+
+def _in_a_field(text: str) -> str:
+    return translated(text, "zh") if " " in text else text
 
 
 @lru_cache(maxsize=1)

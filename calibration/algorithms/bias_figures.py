@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs,reportUnknownVariableType]
 
-from calibration.algorithms.block_means import BlockRecord, block_means, span_s
+from calibration.algorithms.block_means import MIN_BLOCK_SAMPLES, BlockRecord, block_means, span_s
 from calibration.algorithms.correlated_fit import (
     Blocks,
     FloatArray,
@@ -134,7 +134,9 @@ def bias(
         CalibrationError: a record that is too short or has lost more than a tenth.
     """
     _check_channels(output, true_input, where)
-    record = _complete(where, time_s, output, span_s(time_s) / BLOCKS_OF_A_BIAS, range_limit, duration_s)
+    period_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 0.0
+    block_s = max(span_s(time_s) / BLOCKS_OF_A_BIAS, MIN_BLOCK_SAMPLES * period_s)
+    record = _complete(where, time_s, output, block_s, range_limit, duration_s)
     ones = np.ones((len(record.blocks.middle_s), 1))
     fit = fit_correlated(ones, record.blocks, ("bias",), where, known_slow)
     trend, u_trend = _trend(record, where, known_slow)

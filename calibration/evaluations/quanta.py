@@ -46,13 +46,12 @@ def quantum_words(
     """Sentences for the channels where the quantum has a part in `u` that counts, (m,) each."""
     return [
         say(
-            "{channel}: its noise hardly blurs its quantum of {quantum} {unit}: a mean may be off by "
-            "{hidden} {unit} for it (standard uncertainty, taken into account); at a higher rate samples "
-            "have more noise and means less of this error",
+            "{channel}: its noise hardly blurs its quantum of {quantum}: a mean may be off by {hidden} for "
+            "it (standard uncertainty, taken into account); samples at a higher rate have more noise, and "
+            "means less of this error",
             channel=f"{kind}_{letter}",
-            quantum=f"{quantum:.2g}",
-            hidden=f"{hidden:.1g}",
-            unit=SI[kind],
+            quantum=f"{quantum:.2g} {SI[kind]}",
+            hidden=f"{hidden:.1g} {SI[kind]}",
         )
         for letter, quantum, hidden, told in zip(letters, quanta, by_quanta, u, strict=True)
         if hidden > TOLD_FROM * told

@@ -20,7 +20,8 @@ from calibration.evaluations.method_evaluation import (
     stream_with,
 )
 from calibration.evaluations.spin_roll import SpinRoll, roll_against_stand
-from calibration.records.content_parts import record_table
+from calibration.records.attitude_contents import CLOCK_DRIFT
+from calibration.records.content_parts import quantity, record_table
 from calibration.records.making import RecordContent, covariance_block
 from calibration.records.record_parts import CalibratedQuantity, Model, RecordTable
 from protocol.language import say
@@ -31,6 +32,8 @@ TURNING_PART = 0.02
 """Of the highest rate: below it the stand is at rest, and its samples are of one direction."""
 RANGE_MARGIN = 0.002
 SECTORS = 36
+CRYSTAL_LIMIT = 1e-4
+"""Relative: beyond it a clock is no crystal's."""
 U_STAND_FIELD_T = 1e-8
 """Standard uncertainty of what the stand's own motors add, part of it in step with the turn."""
 
@@ -72,7 +75,7 @@ def evaluate_spin(recordings: tuple[Recording, ...]) -> MethodEvaluation:
     content = _content(found, first[-1], second[-1])
     content = replace(content, tables=(_distances(found, both[used]),))
     if roll is not None and roll.latency is not None:
-        content = replace(content, quantities=(*content.quantities, _latency(roll.latency)))
+        content = replace(content, quantities=(*content.quantities, *_latency(roll.latency)))
     beside = (*_beside(paper, found), *_of_roll(roll))
     result = SensorResult("mag", content, recordings, beside)
     assumptions = [
@@ -82,6 +85,7 @@ def evaluate_spin(recordings: tuple[Recording, ...]) -> MethodEvaluation:
             field=f"{U_STAND_FIELD_T * 1e9:g}",
         ),
         say("what the field along the axis adds through the cross-axis sensitivity is in the zeros"),
+        *_clock_words(roll),
     ]
     if found.outliers:
         why = say("far from the ellipse")
@@ -170,11 +174,29 @@ def _distances(found: SpinCoefficients, output: FloatArray) -> RecordTable:
     )
 
 
-def _latency(latency: RollLatency) -> CalibratedQuantity:
-    uncertainty = latency.latency_standard_uncertainty_s
-    return CalibratedQuantity(
-        name="roll_latency", symbol="tau", value=latency.latency_s, unit="s", standard_uncertainty=uncertainty
-    )
+def _latency(latency: RollLatency) -> list[CalibratedQuantity]:
+    """With the drift of the clocks where the spins told it."""
+    found = [quantity("roll_latency", "tau", latency.latency_s, "s", latency.latency_standard_uncertainty_s)]
+    if latency.clock_drift is not None:
+        found.append(quantity(CLOCK_DRIFT, "d", latency.clock_drift[0], "1", latency.clock_drift[1]))
+    return found
+
+
+def _clock_words(roll: SpinRoll | None) -> list[str]:
+    """How fast the unit's clock runs, and whether a crystal does."""
+    if roll is None or roll.latency is None or roll.latency.clock_drift is None:
+        return []
+    drift, u = roll.latency.clock_drift
+    ppm = {"ppm": f"{drift * 1e6:.1f}", "doubt": f"{u * 1e6:.2g}"}
+    words = [say("the unit's clock runs {ppm} ± {doubt} ppm fast by the spins, taken out", **ppm)]
+    if abs(drift) - 2.0 * u > CRYSTAL_LIMIT:
+        words.append(
+            say(
+                "no crystal is {limit} ppm off: look at how the unit stamps its samples, and for lost ones",
+                limit=f"{CRYSTAL_LIMIT * 1e6:g}",
+            )
+        )
+    return words
 
 
 def _of_roll(roll: SpinRoll | None) -> tuple[Beside, ...]:
@@ -194,11 +216,6 @@ def _of_roll(roll: SpinRoll | None) -> tuple[Beside, ...]:
             say("lag of the roll at that rate by the latency"),
             None if roll.latency is None else roll_of_latency_rad(roll.latency.latency_s, roll.rate_rad_s),
             "rad",
-        ),
-        Beside(
-            say("drift of the unit's clock against the stand's, relative"),
-            None if roll.latency is None or roll.latency.clock_drift is None else roll.latency.clock_drift[0],
-            "1",
         ),
     )
 

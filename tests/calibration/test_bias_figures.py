@@ -121,6 +121,13 @@ def test_turn_on_repeatability_is_found_behind_the_noise() -> None:
     assert alike.beyond_noise_resolved.mean() < 0.12
 
 
+def test_three_minutes_at_1_hz_are_enough() -> None:
+    """Their sixtieth holds three samples; blocks are of four then."""
+    rng, time_s = np.random.default_rng(9), clock(180.0, 1.0)
+    found = bias(time_s, 0.7 + white(rng, 180, SEEDS, DENSITY, 1.0), nothing(SEEDS), known_slow=())
+    check_coverage((found.bias - 0.7) / found.standard_uncertainty)
+
+
 def test_earth_rate_is_taken_out_or_is_the_uncertainty() -> None:
     time_s, latitude = clock(180.0), math.radians(40.0)
     up = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # x east, y north, z up

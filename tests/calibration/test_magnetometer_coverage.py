@@ -9,10 +9,13 @@ from calibration.algorithms.magnetometer import UPPER, hard_and_soft_iron
 from calibration.algorithms.roll_error import Spin, roll_latency
 from calibration.evaluations.by_profile import evaluate_by_profile
 from calibration.evaluations.magnetometer import evaluate_magnetometer
+from dut_emulator.effects.dynamics import ClockDrift
+from dut_emulator.products.catalogue import product_named
 from dut_emulator.recording.recorder import recorded
 from protocol.errors import CalibrationError
 from protocol.recordings import Recording, Stream
 from tests.calibration.shaped_noise import check_coverage, exponential, white
+from tests.calibration.test_method_evaluations import quantity, with_columns
 
 PERIOD_S = 0.02
 COMPENSATION = np.array([[1.1, 0.05, -0.02], [0.05, 0.8, 0.03], [-0.02, 0.03, 1.3]])
@@ -86,7 +89,7 @@ def test_a_drift_of_the_clocks_is_not_taken_for_latency(drift: float, seeds: int
 
 
 def spin_pulls(seed: int) -> list[float]:
-    """Of the latency (the twin has none), the zeros, the orthogonality."""
+    """Of the latency (the twin has none), the clock, the zeros, the orthogonality."""
     values = {"max_rate_rev_s": 15.0, "steps": 2.0, "dwell_s": 2.5}
     recording = recorded("gnc_module", "spin", values=values, seed=seed, stand_seed=seed)
     (result,) = evaluate_by_profile([recording]).results
@@ -95,8 +98,11 @@ def spin_pulls(seed: int) -> list[float]:
     bias = np.array(recording.believed["mag"]["bias"]) * 1e-4
     along = float(recording.streams["stand"].columns["mag_z"].mean()) * 1e-6
     plane = matrix[:2, :2] @ matrix[:2, :2].T
+    effects = product_named("gnc_module").twin(seed, "U-0001").effects
+    (drift,) = [one.relative_rate for one in effects if isinstance(one, ClockDrift) and one.sensor == "mag"]
     truth = {
         "roll_latency": 0.0,
+        "clock_drift": drift,
         "hard_iron_x": bias[0] + matrix[0, 2] * along,
         "hard_iron_y": bias[1] + matrix[1, 2] * along,
         "nonorthogonality_xy": np.arcsin(plane[0, 1] / np.sqrt(plane[0, 0] * plane[1, 1])),
@@ -108,6 +114,19 @@ def spin_pulls(seed: int) -> list[float]:
 def test_spins_of_emulated_units_are_covered() -> None:
     """The stand's own field is stated with 10 nT for any stand: zeros may be covered more often."""
     check_coverage(np.array([spin_pulls(seed) for seed in range(200)]), more=0.33)
+
+
+def test_a_clock_that_no_crystal_has_is_said() -> None:
+    """A clock that is 300 ppm fast stamps late; it is found, taken out, and a person is told to look."""
+    values = {"max_rate_rev_s": 15.0, "steps": 2.0, "dwell_s": 2.5}
+    recording = recorded("gnc_module", "spin", values=values, seed=2)
+    fast = with_columns(recording, "dut", t=recording.stream("dut").time_s() * (1.0 + 3e-4))
+    usual, found = evaluate_by_profile([recording]), evaluate_by_profile([fast])
+    (before, _), (value, u) = quantity(usual, "mag", "clock_drift"), quantity(found, "mag", "clock_drift")
+    assert value - before == pytest.approx(3e-4, abs=2.0 * u)
+    assert any("fast by the spins, taken out" in words for words in usual.assumptions)
+    assert not any("no crystal" in words for words in usual.assumptions)
+    assert any("no crystal is 100 ppm off" in words for words in found.assumptions)
 
 
 def in_counts(output: np.ndarray, **test: object) -> Recording:

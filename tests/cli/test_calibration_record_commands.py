@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
@@ -67,6 +68,13 @@ def test_recordings_become_records_that_compensate_them(tmp_path: Path, capsys) 
     capsys.readouterr()
     assert main(["calibrate", "apply", acc["path"], str(twice), "--out", str(tmp_path / "x")]) == 1
     assert "compensated already" in capsys.readouterr().err
+    # a folder that holds one recording's folder stands for it; of two, one has to be named
+    shelf = tmp_path / "shelf"
+    shutil.copytree(tmp_path / "session-1", shelf / "session-1")
+    assert main(["calibrate", "apply", acc["path"], str(shelf), "--out", str(tmp_path / "third")]) == 0
+    shutil.copytree(tmp_path / "session-1", shelf / "again")
+    assert main(["calibrate", "apply", acc["path"], str(shelf), "--out", str(tmp_path / "fourth")]) == 1
+    assert "2 recordings lie in this folder" in " ".join(capsys.readouterr().err.split())
     assert main(["calibrate", "apply", acc["path"], str(once), "--out", str(once)]) == 1
     assert "something of this name" in capsys.readouterr().err
 

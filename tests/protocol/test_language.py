@@ -17,6 +17,7 @@ def test_a_template_is_said_with_its_values() -> None:
         ("No Zenoh router answers at tcp/127.0.0.1:7447.", "tcp/127.0.0.1:7447 处没有 Zenoh 路由器应答。"),
         ("There is no recording.json.", "没有 recording.json。"),
         ("choose one of: gnc_module.", "请选择以下之一：gnc_module。"),
+        ("noise of gyro_x: white noise (posterior 0.16)", "gyro_x 的噪声：白噪声（后验概率 0.16）"),
         ("What no template makes.", "What no template makes."),
         ("", ""),
     ],
