@@ -82,6 +82,8 @@ EFFECTS = {
 }
 """Word of the catalogue → what a test engineer calls it."""
 CLASS_ROUNDING = 1e-3
+CLOSED_SHARE = 0.8
+"""From here on what is left is something else."""
 KINDS = {
     "deterministic": "follows the motion or the conditions",
     "stochastic": "noise",
@@ -202,13 +204,8 @@ def verdict_sentences(report: ReportDocument) -> tuple[str, ...]:
                 *_closed(report.shrinkage),
             )
         case "confusable":
-            causes = _joined([set_words(one.effects) for one in class_members(report)])
             return (
-                say(
-                    "The recordings differ from the simulator, and one of these explains it, but this "
-                    "test cannot tell which: {causes}.",
-                    causes=causes,
-                ),
+                _confusable(report),
                 *_class_chance(report),
                 *_closed(report.shrinkage),
             )
@@ -219,6 +216,25 @@ def verdict_sentences(report: ReportDocument) -> tuple[str, ...]:
                 *((translated(what),) if what else ()),
                 *_left_over(report),
             )
+
+
+def _confusable(report: ReportDocument) -> str:
+    """Several sets that cannot be told apart; or one, with an effect in it that looks like another."""
+    members = class_members(report)
+    alike = next((one for one in report.which if one.confusable_with), None)
+    if len(members) == 1 and alike is not None:
+        return say(
+            "The recordings differ from the simulator, and this explains it: {cause}. But this test cannot "
+            "tell {one} from {other}.",
+            cause=_on_channels(report, members[0].effects),
+            one=effect_words(alike.effect),
+            other=_joined([effect_words(name) for name in alike.confusable_with]),
+        )
+    return say(
+        "The recordings differ from the simulator, and one of these explains it, but this "
+        "test cannot tell which: {causes}.",
+        causes=_joined([set_words(one.effects) for one in members]),
+    )
 
 
 def class_members(report: ReportDocument) -> tuple[EffectSet, ...]:
@@ -270,6 +286,14 @@ def _left_over(report: ReportDocument) -> tuple[str, ...]:
     closed = report.shrinkage.fraction_closed if report.shrinkage else None
     if closed is None or closed <= 0.0:
         return ()
+    if closed >= CLOSED_SHARE and report.sets and report.sets[0].effects:
+        return (
+            say(
+                "Known effects are there too: {cause} closes {share} of what it can explain; the rest is beside it.",
+                cause=set_words(report.sets[0].effects),
+                share=percent(closed),
+            ),
+        )
     return (
         say(
             "The best combination of known effects closes {share} of it, which is not enough to be named.",

@@ -81,16 +81,24 @@ def _wanders(lines: Sequence[Line], sensor: str) -> bool:
 def _unnamed_noted(one: Observation, lines: Sequence[Line], wandering: Collection[str]) -> Observation:
     """With a word on each sensor whose lines are those of its own rate, or wander."""
     notes: list[SetAside] = []
+    outputs = dict(one.outputs)
     for sensor in sorted({line.sensor for line in lines}):
         if renews_by_itself(one, sensor):
             notes.append(SetAside(sensor, 0, renewal_words(one, sensor)))
         elif sensor in wandering:
-            at = ", ".join(
-                f"{f:.4g}" for f in sorted({round(x.frequency_hz, 1) for x in lines if x.sensor == sensor})
-            )
-            why = f"lines about {at} Hz that wander are taken off: no tone of one frequency, so none is named"
-            notes.append(SetAside(sensor, 0, why))
-    return dataclasses.replace(one, set_aside=(*one.set_aside, *notes))
+            notes.append(SetAside(sensor, 0, _wandering_words([x for x in lines if x.sensor == sensor])))
+            if sensor in outputs:
+                noise = dataclasses.replace(outputs[sensor].noise, white_si_per_sqrt_hz=None)
+                outputs[sensor] = dataclasses.replace(outputs[sensor], noise=noise)
+    return dataclasses.replace(one, outputs=outputs, set_aside=(*one.set_aside, *notes))
+
+
+def _wandering_words(lines: Sequence[Line]) -> str:
+    at = ", ".join(f"{frequency:.4g}" for frequency in sorted({round(one.frequency_hz, 1) for one in lines}))
+    return (
+        f"lines about {at} Hz that wander are taken off: no tone of one frequency, so none is named, "
+        "and white noise is not claimed beside them"
+    )
 
 
 def lines_taken_off(observations: Sequence[Observation]) -> list[Observation]:
