@@ -289,7 +289,8 @@ def _left_over(report: ReportDocument) -> tuple[str, ...]:
     if closed >= CLOSED_SHARE and report.sets and report.sets[0].effects:
         return (
             say(
-                "Known effects are there too: {cause} closes {share} of what it can explain; the rest is beside it.",
+                "Known effects are there too: {cause} closes {share} of what it can explain; the rest "
+                "is beside it.",
                 cause=set_words(report.sets[0].effects),
                 share=percent(closed),
             ),
