@@ -126,6 +126,14 @@ def _play(inputs: FloatArray, half_width: float, memory: FloatArray) -> tuple[Fl
     return result, np.array([inputs[-1], turn_inputs[-1], place, directions[-1]])
 
 
+def _elapsed_s(instants: FloatArray, left: NDArray[np.int64]) -> FloatArray:
+    """(n,) from each sample to the next; infinite where time stands still, so that the first one's value is
+    held there."""
+    span = instants.take(left + 1) - instants.take(left)
+    span[span <= 0] = np.inf
+    return span
+
+
 def straddling(
     values: FloatArray, stimulus: Stimulus, delay_s: FloatArray, state: EffectState
 ) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
@@ -135,7 +143,8 @@ def straddling(
 
     Returns:
         the samples that are known, (m, k); which of them is before the instant, (n,) from 0 to k − 2; which
-        share of the way to the next one it is, beyond 1 ahead of the newest, (n,); how long that is, (n,) s.
+        share of the way to the next one it is, beyond 1 ahead of the newest, (n,); how long that is, (n,) s,
+        infinite between samples of one instant.
     """
     period_s = stimulus.sample_period_s
     past, past_time = state.carried.get("past"), state.carried.get("past time")
@@ -148,13 +157,13 @@ def straddling(
     left = newest - np.maximum(limited_s / period_s, 0.0).astype(np.int64)  # if samples are a period apart
     np.maximum(left, 0, out=left)
     begin = instants.take(left)
-    span = instants.take(left + 1) - begin
+    span = _elapsed_s(instants, left)
     share = (wanted - begin) / span
-    astray = np.flatnonzero((share < -SAME_INSTANT) | (share > 1.0 + SAME_INSTANT))
+    astray = np.flatnonzero((share < -SAME_INSTANT) | (share > 1.0 + SAME_INSTANT) | np.isinf(span))
     if len(astray):
         found = np.searchsorted(instants, wanted[astray], side="left") - 1
         left[astray] = np.clip(found, 0, newest[astray])
-        begin, span = instants[left], instants[left + 1] - instants[left]
+        begin, span = instants[left], _elapsed_s(instants, left)
         share = (wanted - begin) / span
     keep = int(np.searchsorted(instants, float(instants[-1]) - MAX_DELAY_S - 2 * period_s))
     state.carried["past"], state.carried["past time"] = known[:, keep:].copy(), instants[keep:].copy()
