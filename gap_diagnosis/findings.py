@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gap_diagnosis.attribution import Attribution
+from gap_diagnosis.design import NUISANCES
 from gap_diagnosis.fitting import JointFit
 from gap_diagnosis.held_out import HeldOut
 from gap_diagnosis.jumps import Jump
 from gap_diagnosis.localisation import Localisation
+from gap_diagnosis.noise_model import white_noise_of_rows, without_columns
 from gap_diagnosis.observation import Channel, Observation, Oddity, TimingFinding
 from gap_diagnosis.prepared import AXIS_SHARE, Prepared
 from gap_diagnosis.rivals import Rival
@@ -73,7 +75,7 @@ def noise_claims(found: Findings) -> list[NoiseClaim]:
         if name in found.without:
             continue
         ratios = {
-            channel: noise.log_white_ratio
+            channel: noise.log_white_ratio + taken_off(found.fit, channel)
             for channel, noise in found.prepared.noise.items()
             if channel.sensor == sensor and noise.log_white_ratio is not None
         }
@@ -85,6 +87,23 @@ def noise_claims(found: Findings) -> list[NoiseClaim]:
             probability = 1.0 / (1.0 + math.exp(-min(evidence - threshold, 600.0)))
             claims.append(NoiseClaim(name, probability, channels))
     return sorted(claims, key=lambda claim: -claim.probability)
+
+
+def taken_off(fit: JointFit | None, channel: Channel) -> float:
+    """ln of a channel's white noise without the fitted effects over that with them: 0 or less.
+
+    An effect of a hundred times the noise changes from row to row by more than the noise does.
+    """
+    if fit is None or channel not in fit.prepared.design.channels:
+        return 0.0
+    design = fit.prepared.design.channels[channel]
+    before = after = 0.0
+    for index, matrix in design.matrices.items():
+        output = fit.prepared.observations[index].outputs[channel.sensor]
+        residual = output.residual_si[design.rows[index], channel.axis]
+        before += len(residual) * white_noise_of_rows(without_columns(residual, matrix[:, :NUISANCES])) ** 2
+        after += len(residual) * white_noise_of_rows(without_columns(residual, matrix)) ** 2
+    return min(0.5 * math.log(after / before), 0.0) if after > 0.0 and before > 0.0 else 0.0
 
 
 def white_excess(log_ratios: Mapping[Channel, float], spread: float) -> tuple[float, tuple[Channel, ...]]:

@@ -27,7 +27,7 @@ from scipy.special import stdtr  # pyright: ignore[reportMissingTypeStubs]
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.design import NUISANCES
-from gap_diagnosis.noise_model import Knots, SlowShape
+from gap_diagnosis.noise_model import Knots, SlowShape, without_columns
 from gap_diagnosis.observation import Channel
 from gap_diagnosis.prepared import Prepared
 from gap_diagnosis.search import Cause
@@ -73,18 +73,12 @@ def jumps_of_noise(
                 own = columns.get(channel, {}).get(index)
                 if own is None:
                     own = prepared.design.channels[channel].matrices[index][:, :NUISANCES]
-                left = _without(output.residual_si[use, channel.axis], own)
+                left = without_columns(output.residual_si[use, channel.axis], own)
                 shape, si = int(system.shape[level]), float(noise.levels.level_si[level])
                 found.append(
                     Jump(channel, index, *clearest_step(knots, shape, si, noise.white_si[index], left))
                 )
     return sorted(found, key=lambda jump: jump.p)
-
-
-def _without(residual: FloatArray, columns: FloatArray) -> FloatArray:
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    inverse = np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-9, hermitian=True), dtype=np.float64)
-    return residual - scaled @ (inverse @ (scaled.T @ residual))
 
 
 def clearest_step(

@@ -174,6 +174,13 @@ def knots_for(time_s: FloatArray, shapes: tuple[SlowShape, ...]) -> Knots:
     return Knots(hats[:, held], knots[held], shapes)
 
 
+def without_columns(residual: FloatArray, columns: FloatArray) -> FloatArray:
+    """What columns (n, k) leave of a residual (n,), by plain least squares: enough to see row noise."""
+    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    inverse = np.asarray(np.linalg.pinv(scaled.T @ scaled, rcond=1e-9, hermitian=True), dtype=np.float64)
+    return residual - scaled @ (inverse @ (scaled.T @ residual))
+
+
 BLOCK_ROWS = 32
 
 

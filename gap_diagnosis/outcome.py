@@ -13,6 +13,7 @@ from gap_diagnosis.observation import Channel
 from gap_diagnosis.report import REPORT_FORMAT, GapReport, HeatCell, Verdict
 from gap_diagnosis.report_entries import not_used, sets_of, shrinkage_document, which
 from gap_diagnosis.report_places import where
+from gap_diagnosis.search import INEXACT
 
 REMAINDER_P = 0.002
 """Beyond all nulls: what is left by an effect that is not listed is mostly told by its forms (`unlisted`)."""
@@ -104,7 +105,7 @@ def _against(found: Findings, shrinkage: Shrinkage | None) -> str | None:
         jump = found.jumps[0]
         run = found.prepared.observations[jump.recording].recording_id
         return f"{jump.channel.name} jumps at {jump.at_s:.4g} s of {run}, as noise does not"
-    if found.left is not None and found.left.p < REMAINDER_P:
+    if found.left is not None and found.left.p < REMAINDER_P and not _is_inexactness(found, found.left):
         return _describe(found.left)
     if found.held is not None:
         idle = [cause.name for number, cause in enumerate(deterministic) if not found.held.gains(number)]
@@ -114,6 +115,23 @@ def _against(found: Findings, shrinkage: Shrinkage | None) -> str | None:
         share = 100.0 * shrinkage.fraction_closed
         return f"the best set closes {share:.0f} % of the gap on held-out data"
     return None
+
+
+def _is_inexactness(found: Findings, left: Localisation) -> bool:
+    """Whether all that stands out in what is left is too little of what was taken away to tell.
+
+    An effect that is a thousand times the noise leaves some of it behind: see `INEXACT`.
+    """
+    taken: dict[Channel, float] = {}
+    for one in found.fit.effects if found.fit is not None else ():
+        for channel in one.channels:
+            taken[channel] = taken.get(channel, 0.0) + one.signal**2
+    clear = [cell for cell in left.cells if cell.p_adjusted < REMAINDER_P]
+    return (
+        bool(clear)
+        and all(cell.sigmas**2 <= INEXACT**2 * taken.get(cell.channel, 0.0) for cell in clear)
+        and not any(noise.p_adjusted < REMAINDER_P for noise in left.noises)
+    )
 
 
 def _likeliest(inclusion: Mapping[str, float]) -> str:

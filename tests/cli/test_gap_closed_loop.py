@@ -53,6 +53,7 @@ LOOPS = [
         ("cold_c=10", "hot_c=50", "ramp_c_per_min=5", "soak_s=60"),
     ),
     Loop("link.fixed_delay", "gyro", {"delay_s": 3e-4}, "sweep", ("duration_s=30",)),
+    Loop("link.fixed_delay", "gyro", {"delay_s": 3e-3}, "sweep", ("duration_s=30",)),  # 2000 times the noise
     Loop("stand.lever_arm", "acc", {"arm_m_x": 6e-3, "arm_m_y": -4e-3}, "rate_staircase", ("dwell_s=1.5",)),
 ]
 

@@ -67,6 +67,14 @@ def test_without_its_effect_a_gap_is_neither_another_effect_nor_noise(added, wit
 QUICK_S = 30.0
 
 
+def test_a_very_clear_effect_is_no_white_noise_nor_a_second_effect():
+    """It changes from row to row by more than the noise, and no regressor is exact."""
+    column = MOTION.specific_force_m_s2[:, 1] / 9.8
+    found = report(on_x(3.0 * DEG * column * (1.0 + 0.004 * WARMER)))
+    assert found["verdict"] == "attributed"
+    assert found["sets"][0]["effects"] == ["gyro.g_sensitivity"]
+
+
 def knots_of(seconds):
     shape = SlowShape((1.0,), (QUICK_S,), SLOW, 0.3)
     time_s = np.arange(seconds, dtype=float)
