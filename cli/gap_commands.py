@@ -174,10 +174,10 @@ def verify(report: Report, recordings: Recordings, as_json: AsJson = False) -> N
     from cli.gap_recordings import named_recordings, refuse_used
     from cli.gap_tables import verification_view
     from gap_diagnosis.decimation import decimated
-    from gap_diagnosis.observing import observe
     from gap_diagnosis.report_document import Shrinkage, read_report
     from gap_diagnosis.twin_change import found_effects
     from gap_diagnosis.verification import verify as verified
+    from gap_diagnosis.without_stand import observed_together
 
     found = read_report(report)
     effects = [one.effect for one in found_effects(found, str(report))]
@@ -187,7 +187,8 @@ def verify(report: Report, recordings: Recordings, as_json: AsJson = False) -> N
         refuse_used(named, found)
         observations = []
         for number, one in enumerate(named):
-            observations.append(decimated(observe(one.recording)))
+            beside, by_norm = observed_together([one.recording], lambda _share: None)
+            observations += [*map(decimated, beside), *by_norm]
             tell("reading", 0.6 * (number + 1) / len(named))
         tell("held out", 0.6)
         left = verified(observations, effects)

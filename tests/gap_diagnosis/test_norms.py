@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dut_emulator.effects.deterministic import Bias, ScaleFactorError
 from gap_diagnosis.diagnosis import diagnose
 from gap_diagnosis.errors import DiagnosisError
+from gap_diagnosis.verification import verify
+from gap_diagnosis.without_stand import observed_together
 from protocol.recordings import Recording, Stream
 
 NOTHING = np.zeros(3)
@@ -128,6 +131,18 @@ def test_uncertainties_hold() -> None:
         z += [(found[name][0] - value) / found[name][1] for name, value in true.items() if name in found]
     assert len(z) > 60
     assert 0.7 < float(np.sqrt(np.mean(np.square(z)))) < 1.3
+
+
+def test_constants_are_verified_on_rests_that_they_were_not_found_in() -> None:
+    bias, scale = (0.2, -0.1, 0.35), (0.012, 0.0, -0.006)
+    effects = [Bias("acc", bias_si=bias), ScaleFactorError("acc", scale_factor_error=scale)]
+    made = laid_down(np.diag([1.012, 1.0, 0.994]), np.array(bias), seed=7)
+    _, by_norm = observed_together([made], lambda _share: None)
+    left = verify(by_norm, effects)
+    assert left["fraction_closed"] > 0.98
+    assert left["share"]["acc"]["value"] == pytest.approx(
+        1.0, abs=4 * left["share"]["acc"]["standard_uncertainty"]
+    )
 
 
 def test_too_few_attitudes_are_refused_with_what_to_do() -> None:
