@@ -46,7 +46,8 @@ def without_lines(observations: Sequence[Observation]) -> tuple[list[Observation
     expected_hz = [abs(f - rate_hz * round(f / rate_hz)) for f in MAINS_HZ]
     search = LineSearch([part for part in parts if part is not None], period_s, expected_hz)
     lines = list(search.lines())
-    wandering = {sensor for sensor in {line.sensor for line in lines} if _wanders(lines, sensor)}
+    sensors = {line.sensor for line in lines}
+    wandering = {sensor for sensor in sensors if _wanders(lines, sensor, len(observations))}
     merged = [
         line
         for line in _merged(lines)
@@ -67,14 +68,21 @@ def _is_of_renewal(line: Line, observations: Sequence[Observation]) -> bool:
     return any(renews_by_itself(one, line.sensor) for one in observations)
 
 
-def _wanders(lines: Sequence[Line], sensor: str) -> bool:
-    """Lines so near to each other on one axis are one source without a fixed frequency."""
+def _wanders(lines: Sequence[Line], sensor: str, recordings: int) -> bool:
+    """Lines so near to each other on one axis are one source without a fixed frequency.
+
+    As many as there are recordings may be one tone, by as many clocks.
+    """
     mine = [line for line in lines if line.sensor == sensor]
     return any(
-        not _same_frequency(one, other) and abs(one.frequency_hz - other.frequency_hz) < WANDERING_HZ
-        for number, one in enumerate(mine)
-        for other in mine[:number]
-        if set(one.axes) & set(other.axes)
+        sum(
+            abs(one.frequency_hz - other.frequency_hz) < WANDERING_HZ
+            and bool(set(one.axes) & set(other.axes))
+            for other in mine
+            if other is one or not _same_frequency(one, other)
+        )
+        > recordings
+        for one in mine
     )
 
 
