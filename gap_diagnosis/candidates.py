@@ -50,7 +50,8 @@ FIELD_HARMONICS = (1.0, 2.0, 3.0)
 RIPPLE_HARMONICS = tuple(float(n) for n in (*range(1, 25), 28, 30, 32, 36, 40, 48, 60, 64, 72, 90, 120, 180))
 SATURATION_SHARES = (0.7, 0.8, 0.87, 0.91, 0.94, 0.96, 0.975, 0.985, 0.992, 0.997)
 LEAST_TURN_RAD = 0.3
-REMEMBERED_ROWS = 150_000
+REMEMBERED_ROWS = 40_000
+"""Of a longer record the waves of all harmonics together would fill some hundred megabytes."""
 
 
 @dataclass(frozen=True)

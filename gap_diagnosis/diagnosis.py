@@ -122,6 +122,8 @@ def diagnose_observations(
     systems = prepared.systems()
     scanned = scan(systems, prepared.design, data_only=False)
     located = localise(prepared, systems, scanned)
+    prepared.forget_nulls()
+    systems = prepared.systems()
     progress("which", 0.6)
     noises = [] if beside_reference else _noises(systems, without)
     searched, systems, found = _searched(observations, prepared, systems, noises, rng)
@@ -179,7 +181,7 @@ def _searched(
     rng: np.random.Generator,
 ) -> tuple[Prepared, dict[Channel, ChannelSystem], Search]:
     """The search, again with shapes between those of the grid where the best set has clear ones."""
-    searched, systems = prepared, {channel: one.of_data() for channel, one in systems.items()}
+    searched = prepared
     found = search(systems, prepared.design, noises)
     for _ in range(SHARPENINGS):
         sharper = _sharper_trials(observations, searched, found)

@@ -80,6 +80,10 @@ class Prepared:
             return dict(self.found)
         return self._systems(recordings)
 
+    def forget_nulls(self) -> None:
+        """Let go of what simulated nulls add to the systems, once they have been looked at."""
+        self.found.update({channel: one.of_data() for channel, one in self.systems().items()})
+
     def _systems(self, recordings: Sequence[int] | None) -> dict[Channel, ChannelSystem]:
         found: dict[Channel, ChannelSystem] = {}
         for channel, by_recording in self.moments.items():
