@@ -215,14 +215,16 @@ def _beyond(system: ChannelSystem, shapes: Sequence[int]) -> NDArray[np.int64]:
 
 
 def _without_columns(system: ChannelSystem, place: Sequence[int]) -> ChannelSystem:
-    head = system.gram[:, place][:, :, place]
+    rows = system.gram[:, place]
+    head = rows[:, :, place]
     diagonal = np.einsum("hkk->hk", head)
     head = head + (PROJECTION_RIDGE * diagonal + 1e-12)[:, :, np.newaxis] * np.eye(len(place))
-    solved = np.linalg.solve(head, system.gram[:, place])
+    solved = np.linalg.solve(head, rows)
     solved_cross = np.linalg.solve(head, system.cross[:, place])
-    across = np.swapaxes(system.gram[:, place], 1, 2)
-    gram = system.gram - across @ solved
-    cross = system.cross - across @ solved_cross
+    across = np.swapaxes(rows, 1, 2)
+    gram, cross = across @ solved, across @ solved_cross  # in their own place: they are large
+    np.subtract(system.gram, gram, out=gram)
+    np.subtract(system.cross, cross, out=cross)
     gram[:, place] = 0.0
     gram[:, :, place] = 0.0
     cross[:, place] = 0.0
