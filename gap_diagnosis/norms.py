@@ -239,13 +239,13 @@ def _notes(
         scales = np.diag(fit.matrix) * fit.strength_si / strength_si - 1.0
         said = ", ".join(f"{100.0 * one:+.2f}" for one in scales)
         why = (
-            f"no stand tells its motion: seen by its norm in {rests} rests, scale factors against that of "
-            f"{axis}; were gravity {strength_si:.5f} m/s^2, those of x, y, z would be off by {said} %"
+            f"seen by its norm in {rests} rests, since no stand tells its motion; scale factors against that "
+            f"of {axis}; were gravity {strength_si:.5f} m/s^2, those of x, y, z would be off by {said} %"
         )
     else:
         why = (
-            "no stand tells the field: seen by its norm, scale factors and soft iron (not to be told apart) "
-            f"against axis {axis}; field strength and common scale factor are not told"
+            "seen by its norm, since no stand tells the field; scale factors and soft iron (not to be told "
+            f"apart) against axis {axis}; field strength and common scale factor are not told"
         )
     found.append(SetAside(f"{sensor}_norm", 0, why))
     if outliers:

@@ -89,7 +89,7 @@ def observed_at(unit: UnitSide, added_s: float) -> Observation:
     outputs, said = _outputs(unit, stimulus, report, piece)
     notes += [*_missing(unit, usable), *said]
     if at_rest(outputs):
-        why = "the unit was at rest: what acts by motion, and the clocks, cannot be told"
+        why = "the unit was at rest, so what acts by motion, and the clocks, cannot be told"
         notes.append(SetAside("motion", 0, why))
     if not outputs:
         raise NoReference(

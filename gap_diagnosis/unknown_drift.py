@@ -14,7 +14,7 @@ from gap_diagnosis.observation import Observation, SetAside
 from gap_diagnosis.reference_noise import is_reference
 
 WORDS = ("warm_up",)
-SAID = "nothing is believed of its slow noise: a drift is not told from warm-up, and none is claimed"
+SAID = "nothing is believed of its slow noise, so a drift is not told from warm-up and none is claimed"
 
 
 def without_drifts(trials: Sequence[Trial], observations: Sequence[Observation]) -> list[Trial]:

@@ -48,7 +48,7 @@ def observed_together(
 
 
 def _unused(recording: Recording) -> SetAside:
-    why = f"in {recording.recording_id} it was turned and no stand tells how: not used"
+    why = f"in {recording.recording_id} it was turned and no stand tells how, so it is not used"
     return SetAside("gyro", len(recording.stream("dut")), why)
 
 

@@ -103,7 +103,7 @@ def test_six_poses_of_a_ferraris_session() -> None:
     assert bias_of(document) == pytest.approx([-0.0288, -0.2322, -0.1350], abs=0.01)
     assert scales_of(document) == pytest.approx(relative([-0.0014, -0.0040, 0.0285]), abs=0.0015)
     assert document["shrinkage"]["fraction_closed"] > 0.98
-    assert sum("no stand tells how: not used" in sentence for sentence in document["not_used"]) == 3
+    assert sum("no stand tells how, so it is not used" in sentence for sentence in document["not_used"]) == 3
 
 
 def test_a_session_of_another_unit_claims_constants_alone() -> None:
