@@ -94,12 +94,11 @@ def localise(
     p = smallest_rank_p(list(ranks.values()))
     beyond = any(float(r[0]) <= 1.0 / len(r) for r in ranks.values())
     if beyond:  # a tail: Bonferroni over cells, or the evidence itself (Markov: p ≤ 1 / B)
-        tail = min(
-            len(statistics) * 10.0 ** -float(families["cells"][0]),
-            float(np.exp(-min(float(templates[0]), 690.0))),
-            len(noise_statistics) * 10.0 ** -float(families["noise"][0]),
-        )
-        p = max(min(p, 3.0 * tail), SMALLEST_P)
+        tails = [float(np.exp(-min(float(templates[0]), 690.0)))]
+        for members, name in ((len(statistics), "cells"), (len(noise_statistics), "noise")):
+            if members:  # without any, no statistic is as unlikely as none
+                tails.append(members * 10.0 ** -float(families[name][0]))
+        p = max(min(p, 3.0 * min(tails)), SMALLEST_P)
     top_cells, top_noise = families["cells"], families["noise"]
     return Localisation(
         p=p,

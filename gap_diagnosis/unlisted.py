@@ -26,7 +26,7 @@ from protocol.errors import Fault, TestloomError
 
 UNLISTED = "unlisted"
 """Takes the place of an effect's name; no effect has it."""
-KNOTS, KNOTS_OF_TIME = 5, 12
+KNOTS, KNOTS_OF_TIME = 5, 20
 HARMONICS = 3
 WITHIN_S = 10.0
 """A rate of temperature is a difference over so long."""
