@@ -1,5 +1,8 @@
 # pyright: strict
-"""All recordings of a unit as observations, with and without a stand that tells how it moved."""
+"""All recordings of a unit as observations, with and without a stand that tells how it moved.
+
+A unit that a stand turns is recalibrated there: norms are asked only of recordings by hand or of rests.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -9,6 +12,7 @@ from gap_diagnosis.errors import NoReference
 from gap_diagnosis.norms import norm_observations
 from gap_diagnosis.observation import Observation, SetAside
 from gap_diagnosis.observing import observe
+from gap_diagnosis.rest import at_rest
 from gap_diagnosis.stillness import stilled
 from gap_diagnosis.unit_and_stand import UNPREDICTED, unit_side
 from protocol.recordings import Recording
@@ -26,18 +30,22 @@ def observed_together(
     """
     observed: list[Observation] = []
     refused: list[tuple[Recording, NoReference]] = []
+    on_a_stand: set[str] = set()
     for number, recording in enumerate(recordings):
         progress(number / len(recordings))
         try:
-            observed.append(stilled(observe(recording)))
+            one = observe(recording)
+            if not at_rest(one.outputs):
+                on_a_stand.add(recording.recording_id)
+            observed.append(stilled(one))
         except NoReference as error:
             refused.append((recording, error))
+    by_hand = [recording for recording in recordings if recording.recording_id not in on_a_stand]
     unpredicted = any(note.why == UNPREDICTED for one in observed for note in one.set_aside)
-    if not refused and not unpredicted:
+    if not by_hand or (not refused and not unpredicted):
         return observed, []
     predicted: frozenset[SensorName] = frozenset(sensor for one in observed for sensor in one.outputs)
-    units = [unit_side(one) for one in recordings]
-    by_norm = norm_observations(recordings, units, predicted)
+    by_norm = norm_observations(by_hand, [unit_side(one) for one in by_hand], predicted)
     if refused and not by_norm:
         raise refused[0][1]
     if by_norm:
