@@ -122,7 +122,7 @@ def diagnose_observations(
     systems = prepared.systems()
     scanned = scan(systems, prepared.design, data_only=False)
     located = localise(prepared, systems, scanned)
-    prepared.forget_nulls()
+    prepared.forget_nulls_and_cells()
     systems = prepared.systems()
     progress("which", 0.6)
     noises = [] if beside_reference else _noises(systems, without)

@@ -80,9 +80,12 @@ class Prepared:
             return dict(self.found)
         return self._systems(recordings)
 
-    def forget_nulls(self) -> None:
-        """Let go of what simulated nulls add to the systems, once they have been looked at."""
-        self.found.update({channel: one.of_data() for channel, one in self.systems().items()})
+    def forget_nulls_and_cells(self) -> None:
+        """Let go of what only localisation looks at: a search goes through what is left many times."""
+        for channel, system in self.systems().items():
+            ends = [int(group.columns[0]) for group in self.design.cells if group.channel == channel]
+            of_trials = min(ends, default=system.gram.shape[1] + NUISANCES) - NUISANCES
+            self.found[channel] = system.of_data(of_trials)
 
     def _systems(self, recordings: Sequence[int] | None) -> dict[Channel, ChannelSystem]:
         found: dict[Channel, ChannelSystem] = {}

@@ -73,10 +73,14 @@ class ChannelSystem:
     believed: int
     shape: NDArray[np.int64]
 
-    def of_data(self) -> "ChannelSystem":
-        """Without the simulated nulls: a search weighs the data alone."""
-        cross, log_likelihood = self.cross[..., :1].copy(), self.log_likelihood[:, :1].copy()
-        return dataclasses.replace(self, cross=cross, log_likelihood=log_likelihood)
+    def of_data(self, columns: int) -> "ChannelSystem":
+        """The first columns alone, without the simulated nulls: what a search weighs."""
+        return dataclasses.replace(
+            self,
+            gram=self.gram[:, :columns, :columns].copy(),
+            cross=self.cross[:, :columns, :1].copy(),
+            log_likelihood=self.log_likelihood[:, :1].copy(),
+        )
 
 
 def moments(
