@@ -19,6 +19,8 @@ PACKAGES_WITH_WORDS = (
 )
 MIN_OWN_WORDS = 5
 """Characters that a template must have beside its fields to be recognised in a sentence."""
+VERDICTS = frozenset({"agree", "clear", "source", "verdict"})
+"""Fields that hold words even where they hold one only."""
 _PLAIN_FIELD = re.compile(r"\{([a-z_]+)\}")
 
 _chosen: list[str] = []
@@ -64,12 +66,13 @@ def translated(sentence: str, language: str | None = None) -> str:
     for pattern, chinese in _chinese_by_pattern():
         found = pattern.fullmatch(sentence)
         if found is not None:
-            return chinese.format(**{name: _in_a_field(text) for name, text in found.groupdict().items()})
+            fields = found.groupdict().items()
+            return chinese.format(**{name: _in_a_field(name, text) for name, text in fields})
     return sentence
 
 
-def _in_a_field(text: str) -> str:
-    return translated(text, "zh") if " " in text else text
+def _in_a_field(name: str, text: str) -> str:
+    return translated(text, "zh") if " " in text or name in VERDICTS else text
 
 
 @lru_cache(maxsize=1)

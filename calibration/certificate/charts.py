@@ -54,13 +54,14 @@ def curves_chart(
     y_unit: str,
     by_row: bool = False,
     decades: str = "",
+    linear: bool = False,
 ) -> str:
     """Curves over one abscissa; axes over more than two decades of positive numbers are logarithmic.
 
     `y_name`, `y_unit`: may be empty. `by_row`: the abscissa only counts, so points are not joined.
-    `decades`: axes that are read in decades, even over one: 'x', 'xy'.
+    `decades`: axes that are read in decades, even over one: 'x', 'xy'. `linear`: no axis is logarithmic.
     """
-    power = _common_power([value for curve in curves for value in curve.y])
+    power = _common_power([value for curve in curves for value in curve.y], linear)
     with mpl.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")  # the layout has its own fonts
         figure = Figure(figsize=SIZE_IN)
@@ -82,7 +83,7 @@ def curves_chart(
         axes.grid(color="0.88", linewidth=0.6)
         axes.set_axisbelow(True)
         for axis, values in (("x", curves[0].x), ("y", [v for curve in curves for v in curve.y])):
-            _lay_out(axes, axis, values, whole=by_row and axis == "x", decades=axis in decades)
+            _lay_out(axes, axis, values, whole=by_row and axis == "x", decades=axis in decades, linear=linear)
         axes.set_xlabel(x_label)
         unit = " ".join(filter(None, (power_of_ten(power) if power else "", y_unit)))
         axes.set_title(", ".join(filter(None, (y_name, unit))), loc="left", size=9)
@@ -100,9 +101,9 @@ def _legend_width(curves: Sequence[Curve]) -> float:
     return 0.06 + 0.0115 * max(sum(2 if ord(one) > 0x2E80 else 1 for one in c.label) for c in curves)
 
 
-def _lay_out(axes: Any, name: str, values: Sequence[float], whole: bool, decades: bool) -> None:
+def _lay_out(axes: Any, name: str, values: Sequence[float], whole: bool, decades: bool, linear: bool) -> None:
     axis = axes.xaxis if name == "x" else axes.yaxis
-    wide = _logarithmic(values)
+    wide = _logarithmic(values) and not linear
     if wide or (decades and min(values) > 0):
         (axes.set_xscale if name == "x" else axes.set_yscale)("log")
         axis.set_minor_locator(NullLocator())
@@ -120,9 +121,9 @@ def _logarithmic(values: Sequence[float]) -> bool:
     return min(values) > 0 and max(values) > LOGARITHMIC_FROM * min(values)
 
 
-def _common_power(values: Sequence[float]) -> int:
+def _common_power(values: Sequence[float], linear: bool) -> int:
     """Power of ten that belongs to the axis's label; 0 where numbers are handy, or logarithmic."""
     largest = max(abs(value) for value in values)
-    if largest == 0 or _logarithmic(values) or 1e-2 <= largest < 1e4:
+    if largest == 0 or (_logarithmic(values) and not linear) or 1e-2 <= largest < 1e4:
         return 0
     return math.floor(math.log10(largest))

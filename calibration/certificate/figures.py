@@ -23,6 +23,8 @@ COUNTERS = ("phase_number", "independent_samples", "degrees_of_freedom")
 """Columns that no curve tells more of than the numbers do."""
 SPECTRAL = "deviation"
 """In the name of an Allan or wavelet plot: its ordinate is read in decades too."""
+TIME = "time"
+"""An abscissa over which people look for a settled value, not for decades."""
 LOGARITHMIC = ("frequency", "averaging_time", "scale", "tau")
 """Abscissas that people read in decades."""
 LINE, RESIDUAL = "mean_output", "residual"
@@ -56,6 +58,7 @@ def table_figures(table: RecordTable, say: Say) -> Iterator[tuple[str, str]]:
         title = say("{table}: deviation from the line", table=title)
     decades = "" if table.row_names or table.columns[0].name not in LOGARITHMIC else "x"
     decades += "y" if decades and SPECTRAL in table.name else ""
+    over_time = not table.row_names and table.columns[0].name == TIME
     groups: dict[tuple[str, bool], list[Curve]] = {}
     for one in columns:
         curve = _curve(one, table, units, x, say)
@@ -68,7 +71,13 @@ def table_figures(table: RecordTable, say: Say) -> Iterator[tuple[str, str]]:
             part = curves[start : start + MOST_CURVES]
             words = part[0].label if len(part) == 1 else _common_words(part) or name
             drawn = curves_chart(
-                part, x_label, capital(words), y_unit, by_row=bool(table.row_names), decades=decades
+                part,
+                x_label,
+                capital(words),
+                y_unit,
+                by_row=bool(table.row_names),
+                decades=decades,
+                linear=over_time,
             )
             yield drawn, caption
 
@@ -97,7 +106,7 @@ def _common_words(curves: list[Curve]) -> str:
     """Words that all labels begin with: 'residual' of 'residual x', 'residual y'."""
     labels = [curve.label.split() for curve in curves]
     alike = takewhile(lambda words: len(set(words)) == 1, zip(*labels, strict=False))
-    return " ".join(words[0] for words in alike)
+    return " ".join(words[0] for words in alike).removesuffix(" of")
 
 
 def correlations(block: CovarianceBlock, record: CalibrationRecord, caption: str) -> Correlations | None:

@@ -91,6 +91,8 @@ def coverage_note(record: CalibrationRecord, say: Say) -> str:
     ]
     if any(quantity.interval is not None for quantity in record.quantities):
         words.append(say("An interval holds with the probability p."))
+    if any(quantity.standard_uncertainty == 0.0 for quantity in record.quantities):
+        words.append(say("Exact: by definition of the frame of reference."))
     return " ".join(words)
 
 
@@ -106,7 +108,9 @@ def _result(quantity: CalibratedQuantity, unit: str, says_p: bool, say: Say) -> 
         known = quantity.interval
         lower, upper, text = interval(known.lower * factor, known.upper * factor, value)
         bounds = f"[{lower}, {upper}]" + (f", p = {_percent(known.probability)}" if says_p else "")
-    if quantity.expanded_uncertainty is not None:
+    if quantity.standard_uncertainty == 0.0:
+        text, expanded = plain(value, READING_DIGITS), say("exact")
+    elif quantity.expanded_uncertainty is not None:
         text, expanded = with_uncertainty(value, quantity.expanded_uncertainty * factor)
         k = f"{quantity.coverage_factor:.2f}"
         freedom = "∞" if quantity.degrees_of_freedom is None else plain(quantity.degrees_of_freedom, 3)

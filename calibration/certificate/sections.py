@@ -22,7 +22,7 @@ PRODUCTS = {
     "pulse_imu": "IMU with pulse outputs",
 }
 """Names of products for people; another product's name is its own."""
-SENSORS = {"acc": "Accelerometer", "gyro": "Gyro", "mag": "Magnetometer"}
+SENSORS = {"acc": "Accelerometer", "gyro": "Gyro", "mag": "Magnetometer", "thermal": "Thermocouples"}
 
 
 def day(time: datetime) -> str:

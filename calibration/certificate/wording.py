@@ -23,8 +23,10 @@ UNCERTAINTY_OF = "u_"
 GREEK = {"tau": "τ", "sigma": "σ", "alpha": "α", "omega": "ω", "epsilon": "ε", "phi": "φ", "theta": "θ"}
 _MICRO = re.compile(r"\bu(?=[gTs]\b)")
 _HYPHENATED = re.compile(
-    r"\b(cross|single|two|three|multi|g|g2|non) (?=axis|sensitivity|position|orthogonality)"
+    r"\b(cross|single|two|three|multi|g|g2|non|turn) (?=axis|sensitivity|position|orthogonality|on\b)"
 )
+_OF_A_NODE = re.compile(r"(?P<what>[a-z]+(?: [a-z]+)*?) of (?P<node>.+)")
+_BETWEEN_NODES = re.compile(r"(?P<what>thermal conductance) (?P<one>.+) to (?P<other>.+)")
 _SINGLE = re.compile(r"\(([^()/√^ ]+)\)")
 _LONG_NAME = re.compile(r"\b[a-z]{3,}(?:_[a-z]{3,})+\b")
 _SIGNS = (
@@ -46,10 +48,22 @@ def quantity_words(name: str, say: Say) -> str:
     found = _PARTS.fullmatch(name)
     if found is None:
         return name.replace("_", " ")
-    words = say(_HYPHENATED.sub(r"\1-", found["stem"].replace("_", " "))).replace("allan", "Allan")
+    words = _said(_HYPHENATED.sub(r"\1-", found["stem"].replace("_", " ")), say).replace("allan", "Allan")
     if found["stem"].endswith("limit") and found["index"]:
         return f"{words} {found['index']} %"
     return " ".join(part for part in (words, found["axes"], found["index"]) if part)
+
+
+def _said(words: str, say: Say) -> str:
+    """As the catalogue has it; 'heat capacity of housing' by its parts, since units name their nodes."""
+    if (known := say(words)) != words:
+        return known
+    if found := _BETWEEN_NODES.fullmatch(words):
+        what, one, other = (say(found[part]) for part in ("what", "one", "other"))
+        return say("{what} {one} to {other}", what=what, one=one, other=other)
+    if found := _OF_A_NODE.fullmatch(words):
+        return say("{what} of {node}", what=say(found["what"]), node=say(found["node"]))
+    return words
 
 
 def stem_of(name: str) -> str:

@@ -7,6 +7,7 @@ give the bias of each, the noise of the longest, and from six of ten minutes on 
 
 # pyright: strict
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -201,8 +202,7 @@ def _repeatability(recordings: list[Recording]) -> tuple[list[MethodEvaluation],
         return [], [NotUsed(what, samples, between.words)]
     results: list[SensorResult] = []
     not_used: list[NotUsed] = []
-    mounts = mounts_words(recordings)
-    sentences = [between.words] if mounts is None else [between.words, mounts]
+    own: list[str] = []
     for kind in SI:
         try:
             result, words = _repeatability_of(kind, recordings, between.condition, not_used)
@@ -210,10 +210,19 @@ def _repeatability(recordings: list[Recording]) -> tuple[list[MethodEvaluation],
             not_used.append(NotUsed(what, samples, error.what))
             break
         results += result
-        sentences += words
+        own += words
     if not results:
         return [], not_used
-    return [method_evaluation(recordings, results, sentences)], not_used
+    mounts = mounts_words(recordings)
+    seconds = f"{min(span_s(one.stream('dut').time_s()) for one in recordings):.0f}"
+    sentences = [
+        between.words,
+        say("{count} runs, the shortest of {seconds} s", count=len(recordings), seconds=seconds),
+        *([] if mounts is None else [mounts]),
+    ]
+    found = method_evaluation(recordings, results, sentences)
+    found = replace(found, assumptions=(*own, *found.assumptions))  # each sensor's own are in its record
+    return [found], not_used
 
 
 def _repeatability_of(
@@ -246,6 +255,14 @@ def _repeatability_of(
         for k, letter in enumerate(letters)
     )
     words = quantum_words(kind, letters, quanta, found.of_quantum, found.standard_uncertainty)
+    if kind == "acc":
+        words.append(
+            say(
+                "runs: the mean less gravity in the stand's attitude; how the unit sits and its scale "
+                "factors are in it, the same in all runs"
+            )
+        )
+    content = replace(content, assumptions=tuple(words))
     return [SensorResult(kind, content, tuple(recordings), beside)], words
 
 

@@ -7,6 +7,7 @@ only ratios.
 """
 
 # pyright: strict
+import math
 from collections.abc import Mapping
 from typing import Any, cast
 
@@ -39,6 +40,7 @@ PREFIX = "temp_"
 MAX_AMBIENT_DRIFT_C = 1.0
 MOST_ROWS = 600
 """Of the fit; a longer recording is averaged over equal stretches."""
+MIN_SHOWN_K = 1e-4
 
 
 def evaluate_warm_up(recordings: tuple[Recording, ...]) -> MethodEvaluation:
@@ -76,6 +78,7 @@ def _schemes(network: ThermalNetwork, power_w: FloatArray) -> list[str]:
     """Which of paper 2's cooling schemes the hottest node's rise belongs to, by either of its sets."""
     rise, u = network.steady_rise_k(power_w)
     hottest = int(rise.argmax())
+    places = max(0, 1 - math.floor(math.log10(max(float(u[hottest]), MIN_SHOWN_K))))
     sentences: list[str] = []
     for source, schemes in ((say("measured"), MEASURED_SCHEMES), (say("simulated"), SIMULATED_SCHEMES)):
         verdict = which_scheme(float(rise[hottest]), float(u[hottest]), schemes)
@@ -84,8 +87,8 @@ def _schemes(network: ThermalNetwork, power_w: FloatArray) -> list[str]:
             say(
                 "hottest node {rise} ± {u} °C above the air: beside paper 2's figures ({source}) {clear} "
                 "'{scheme}' ({paper} °C), at the paper's power",
-                rise=f"{rise[hottest]:.2f}",
-                u=f"{u[hottest]:.2g}",
+                rise=f"{rise[hottest]:.{places}f}",
+                u=f"{u[hottest]:.{places}f}",
                 source=source,
                 clear=clear,
                 scheme=say(verdict.scheme.name),

@@ -12,14 +12,19 @@ from calibration.algorithms.magnetometer import hard_and_soft_iron
 from calibration.algorithms.overload_g_sensitivity import GSensitivity
 from calibration.algorithms.pure_lag import PureLag
 from calibration.algorithms.rate_gyro import evaluate_rate_gyro
+from calibration.algorithms.repeatability import repeatability
 from calibration.algorithms.sinusoidal_overload import KnownAccelerometer, calibrate_overload
 from calibration.algorithms.temperature_compensation import fit_temperature
 from calibration.certificate.composing import certificate, original_record
 from calibration.certificate.details import CertificateDetails
 from calibration.certificate.document import Document, Grid, speaker
+from calibration.certificate.figures import table_figures
 from calibration.certificate.methods import method_words
 from calibration.certificate.printing import printed
+from calibration.certificate.result_tables import results_grid
 from calibration.certificate.wording import unit_words
+from calibration.evaluations.by_profile import evaluate_by_profile
+from calibration.records.inertial_contents import repeatability_content
 from calibration.records.making import Origin, RecordContent, record_of
 from calibration.records.method_contents import (
     allan_content,
@@ -38,6 +43,7 @@ from tests.calibration.test_magnetometer import _turned
 from tests.calibration.test_rate_gyro import METER, PAPER_RUNS, TABLE
 from tests.calibration.test_sinusoidal_overload import KNOWN, pulses_of, sinusoid
 from tests.calibration.test_temperature_compensation import NODES, POSES, ROOM, ROOM_C, run
+from tests.calibration.test_temperature_warm_up import recording
 
 STAND = {"id": "s-1", "kind": "three_axis_turntable", "calibration_due": "2026-12-31"}
 NO_WORDS = re.compile(r"^(?:\$.*|part\|.*|[0-9a-f]{64}|.*[\u4e00-\u9fff].*|[^A-Za-z]*|\|c u\||r-1|s-1|mcap)$")
@@ -77,6 +83,17 @@ def _temperature() -> RecordContent:
     return temperature_content(fit_temperature(run(POSES, NODES), ROOM, ROOM_C))
 
 
+def _thermal_network() -> RecordContent:
+    (result,) = evaluate_by_profile([recording()]).results
+    return result.content
+
+
+def _repeatability() -> RecordContent:
+    values, u = np.random.default_rng(1).normal(size=(6, 3)) * 1e-3, np.full((6, 3), 1e-4)
+    found = repeatability(values, u, "each_power_on")
+    return repeatability_content("bias", "xyz", found, list("123456"), (values, u), "m/s^2")
+
+
 FOUND = {
     "rate_gyro": (_rate_gyro, "gyro"),
     "pure_lag": (_pure_lag, "gyro"),
@@ -85,6 +102,8 @@ FOUND = {
     "allan_variance": (_allan, "gyro"),
     "magnetometer": (_magnetometer, "mag"),
     "temperature_compensation": (_temperature, "acc"),
+    "thermal_network": (_thermal_network, "thermal"),
+    "repeatability": (_repeatability, "acc"),
 }
 
 
@@ -132,6 +151,21 @@ def test_the_widest_records_can_be_set(name: str) -> None:
     for compose in (certificate, original_record):
         for language in ("en", "zh"):
             assert printed(compose(record, CertificateDetails(), language), record.canonical_json())
+
+
+def test_a_value_by_definition_has_no_uncertainty_and_a_warm_up_no_decades() -> None:
+    """What is zero by the frame of reference is exact; a settling curve is read on straight axes."""
+    record = recorded("thermal_network")
+    first, *others = record.quantities
+    fixed = first.model_copy(update={"value": 0.0, "standard_uncertainty": 0.0, "degrees_of_freedom": None})
+    exact = record.model_copy(update={"quantities": (fixed, *others), "covariance": ()})
+    grid = results_grid(exact, CertificateDetails(), speaker("en"))
+    assert grid.rows[0][2:4] == ("0", "exact")
+    assert "Exact: by definition" in grid.note
+    (table,) = [one for one in record.tables if one.name == "warm_up"]
+    ((drawn, _),) = table_figures(table, speaker("en"))
+    assert "Rise, °C" in drawn
+    assert "10⁻²" not in drawn
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
