@@ -228,7 +228,7 @@ def write_case(folder: Path, unit: Unit, excitation: Excitation, frames: list[Fr
         document = {
             "format": "testloom-recording/1",
             "recording_id": name,
-            "unit": {"serial": unit.serial, "product": "mems_imu"},
+            "unit": {"serial": unit.serial, "product": "mems_ahrs"},
             "test": {"profile": PROFILES[excitation.kind], "run": number, "mount": f"m{run.mount}"},
             "stand": {"id": "blind-1", "kind": "three_axis_turntable"},
             "site": {"latitude_deg": LATITUDE_DEG, "gravity_m_s2": STANDARD_GRAVITY,
