@@ -194,6 +194,10 @@ def comparison_remarks(found: RecordComparison) -> list[str]:
     return remarks
 
 
+NAME_WIDTH = 18
+"""Least columns of a quantity's name: eight of them one below the other are no name."""
+
+
 def show_history(console: Console, histories: Sequence[QuantityHistory]) -> None:
     """A table for each sensor of each unit."""
     groups: dict[tuple[str, str, str], list[QuantityHistory]] = {}
@@ -205,40 +209,30 @@ def show_history(console: Console, histories: Sequence[QuantityHistory]) -> None
             title=Text(f"{serial} ({product}), {sensor}"),
             caption=say("drift: weighted least squares; bold: differs from 0 (5 %, each by itself)"),
         )
-        headings = (
-            "Quantity",
-            "Records",
-            "First",
-            "Last",
-            "Drift per year",
-            "Birge ratio",
-            "Outliers",
-            "Unit",
-        )
-        for heading in headings:
-            number = heading in ("First", "Last", "Drift per year")  # never broken: a torn number misleads
-            table.add_column(say(heading), overflow="fold", no_wrap=number)
+        table.add_column(say("Quantity, unit"), overflow="fold", min_width=NAME_WIDTH)
+        for heading in ("First, last", "Drift per year"):  # never broken: a torn number misleads
+            table.add_column(say(heading), no_wrap=True)
+        table.add_column(say("Records, Birge ratio"), max_width=8)
         for one in quantities:
-            trend = one.trend
+            trend, ends = one.trend, (one.points[0], one.points[-1])
             drift = UNKNOWN
             if trend.drift_per_year is not None and trend.drift_standard_uncertainty is not None:
                 drift = gum(trend.drift_per_year, trend.drift_standard_uncertainty)
-            beside = [
-                f"{point.time.date().isoformat()} {point.record_sha256[:8]}"
-                for point in one.points
-                if point.outlier
-            ]
+            birge = UNKNOWN if trend.birge_ratio is None else f"{trend.birge_ratio:.2f}"
             table.add_row(
-                one.name,
-                str(len(one.points)),
-                *(gum(point.value, point.standard_uncertainty) for point in (one.points[0], one.points[-1])),
+                f"{one.name}\n{written_unit(one.unit)}",
+                "\n".join(gum(point.value, point.standard_uncertainty) for point in ends),
                 Text(drift, style="bold" if trend.drifts else ""),
-                UNKNOWN if trend.birge_ratio is None else f"{trend.birge_ratio:.2f}",
-                Text("\n".join(beside), style="red"),
-                written_unit(one.unit),
+                f"{len(one.points)}\n{birge}",
             )
-        first, last = quantities[0].points[0].time, quantities[0].points[-1].time
         console.print(table)
+        for one in quantities:
+            for point in one.points:
+                if point.outlier:
+                    day, name = point.time.date().isoformat(), point.record_sha256[:8]
+                    words = say("outlier: {quantity} of {day}, {name}", quantity=one.name, day=day, name=name)
+                    console.print(words, style="red", soft_wrap=True)
+        first, last = quantities[0].points[0].time, quantities[0].points[-1].time
         console.print(
             say("from {first} to {last}", first=first.date().isoformat(), last=last.date().isoformat())
         )

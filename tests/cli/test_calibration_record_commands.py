@@ -185,6 +185,21 @@ def test_two_records_are_compared(tmp_path: Path, capsys) -> None:
     assert found["quantities"][0]["normalised_error"] == pytest.approx(-5 / 2**0.5)
 
 
+def test_a_history_can_be_read_at_80_columns(tmp_path: Path, capsys, monkeypatch) -> None:
+    """Long names, numbers and all; the record that lies off is named below the table."""
+    monkeypatch.setenv("COLUMNS", "80")
+    for day, value in enumerate((1.0, 1.01, 9.0, 0.99, 1.0, 1.02), start=1):
+        time = datetime(2026, 1, day, tzinfo=UTC)
+        named = quantity("turn_on_bias_repeatability_x", value * 1e-3, 2e-5, "m/s^2")
+        write_record(record_of(named, measured_at=time), tmp_path / str(day))
+    assert main(["calibrate", "history", str(tmp_path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(len(line) for line in lines if not line.startswith("outlier")) <= 80
+    assert len(lines) < 15
+    assert any("turn_on_bias_repe" in line and "0.001000 ± 0.000020" in line for line in lines)
+    assert any(line.startswith("outlier: turn_on_bias_repeatability_x of 2026-01-03") for line in lines)
+
+
 def test_a_units_life_is_a_table_and_a_picture(tmp_path: Path, capsys) -> None:
     for year, value in ((2020, 1.0), (2021, 1.5), (2022, 2.0)):
         time = datetime(year, 1, 1, tzinfo=UTC)
