@@ -156,6 +156,16 @@ def _calibration_error(pairs: np.ndarray) -> float:
     return float(total / len(pairs))
 
 
+def _chance_calibration_error(leading: Sequence[tuple[float, bool]]) -> float | None:
+    """What the same probabilities would have, were they exactly right: so few cases scatter in their bins."""
+    if not leading:
+        return None
+    rng = np.random.Generator(np.random.Philox(8))
+    p = np.array([one for one, _ in leading])
+    draws = [np.column_stack([p, rng.random(len(p)) < p]) for _ in range(200)]
+    return float(np.mean([_calibration_error(one) for one in draws]))
+
+
 def _attributed_wrongly(one: Judged) -> bool:
     """Named an effect of the unit with confidence though it is none of the true ones, nor like them."""
     named = one.named(1)
@@ -233,7 +243,15 @@ def scored(cases: list[Judged]) -> list[Row]:
     answered = [one for one in nulls + singles + pairs if one.said != "error"]
     rows.append(fraction("95 % set covers", [_covered(one) for one in answered], at_least=0.93, at_most=0.98))
     leading = [(o.sets()[0][1], o.sets()[0][0] == frozenset(o.truth)) for o in answered if o.sets()]
-    rows.append(statistic("expected calibration error", leading, _calibration_error, at_most=0.03))
+    rows.append(
+        statistic(
+            "expected calibration error",
+            leading,
+            _calibration_error,
+            at_most=0.03,
+            oracle=_chance_calibration_error(leading),
+        )
+    )
     rows += _figures(singles)
     real = kinds["semi_real"]
     rows.append(fraction("semi-real, false alarms", [one.said != "no_gap" for one in real if not one.truth]))

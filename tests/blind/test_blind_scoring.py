@@ -11,7 +11,7 @@ import pytest
 
 from tests.blind.case_plan import LADDER
 from tests.blind.parameters import normalised_errors, si
-from tests.blind.scorer import Row, clopper_pearson, scored
+from tests.blind.scorer import Row, _chance_calibration_error, clopper_pearson, scored
 from tests.blind.verdicts import Judged, SealError, opened
 
 EFFECTS = ("gyro.g_sensitivity", "gyro.warm_up", "acc.quadratic_nonlinearity", "stand.lever_arm")
@@ -170,3 +170,11 @@ def test_parameters_are_compared_in_any_unit() -> None:
     report = {**_report("attributed", ["gyro.g_sensitivity"])}
     report["which"][0]["parameters"] = parameters
     assert normalised_errors(_judged(label, report)) == pytest.approx([1.0, 1.5, 0.0])
+
+
+def test_probabilities_that_are_right_have_a_calibration_error_by_chance_alone():
+    """One bin of n cases at p: the mean of |Σ Bernoulli − n p| / n is √(2 p (1 − p) / (π n))."""
+    few, many = ([(0.75, True)] * n for n in (100, 10_000))
+    for cases in (few, many):
+        normal = np.sqrt(2 * 0.75 * 0.25 / np.pi / len(cases))
+        assert _chance_calibration_error(cases) == pytest.approx(normal, rel=0.15)
