@@ -86,6 +86,15 @@ def check_intervals(found: Repeatability, expected: np.ndarray) -> None:
     assert abs(ratio - 1.0) < 3.5 * math.sqrt(2.0 / (RUNS - 1) / count)
 
 
+def of_all(found: list[Repeatability]) -> Repeatability:
+    """Of many units as one of many channels."""
+    return dataclasses.replace(
+        found[0],
+        repeatability=np.concatenate([one.repeatability for one in found]),
+        of_quantum=np.concatenate([one.of_quantum for one in found]),
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_turn_on_biases_of_emulated_units_are_covered() -> None:
@@ -104,9 +113,7 @@ def test_turn_on_biases_of_emulated_units_are_covered() -> None:
                 value, _ = quantity(whole, kind, f"turn_on_bias_repeatability_{letter}")
                 assert value == pytest.approx(spreads[kind][0].repeatability["xyz".index(letter)], rel=1e-9)
     for kind, found in spreads.items():
-        together = dataclasses.replace(
-            found[0], repeatability=np.concatenate([one.repeatability for one in found])
-        )
+        together = of_all(found)
         check_intervals(together, np.concatenate([expected_spread(twin, kind) for _, twin in lot]))
 
 
@@ -177,9 +184,7 @@ def test_turn_on_scale_factors_are_covered_on_coloured_noise() -> None:
         found.append(repeatability(values, doubt, "each_power_on"))
     of_noise = float(np.std(noise))
     assert 0.5 * spread < of_noise < 2.0 * spread
-    together = dataclasses.replace(
-        found[0], repeatability=np.concatenate([one.repeatability for one in found])
-    )
+    together = of_all(found)
     check_intervals(together, np.full(3 * units, math.hypot(spread, of_noise)))
     # what each run says of its own noise, taken away, leaves what the turn-ons differ by
     beyond = np.mean([one.repeatability**2 for one in found]) - np.mean(np.square(told))
