@@ -2,9 +2,12 @@
 
 import os
 import socket
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.real_recordings import folder
 
 # before numpy: threads of small products wait for each other where two workers share two cores
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -22,6 +25,12 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
 
 def _everything_is_required() -> bool:
     return os.environ.get("TESTLOOM_REQUIRE_ALL") == "1"
+
+
+@pytest.fixture(scope="session")
+def recorded_data() -> Path:
+    """The folder with recordings of real sensors."""
+    return folder()
 
 
 @pytest.fixture

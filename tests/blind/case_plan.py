@@ -1,6 +1,5 @@
 """Which cases a set has: kinds, effects, signal-to-noise ratios, excitations; all from a seed."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from tests.blind.random_effects import (
     STAND_DECOYS,
     STOCHASTIC,
 )
+from tests.real_recordings import place
 
 LADDER = (3.0, 4.0, 5.0, 6.0, 8.0, 12.0, 20.0, 40.0)
 SINGLES = (*SHAPES, "gyro.dead_band", "gyro.saturation", *STOCHASTIC, *LINES)
@@ -94,8 +94,7 @@ class CaseSpec:
 
 def real_noise_folder() -> Path | None:
     """The real static record that semi-real cases take their noise from; None if it is not there."""
-    folder = Path(os.environ.get("TESTLOOM_DATA", "../shared/data"))
-    folder = folder / "mpu6050_multipos_tomisuarez" / "static-449s"
+    folder = place() / "mpu6050_multipos_tomisuarez" / "static-449s"
     return folder if (folder / "dut.npz").exists() else None
 
 

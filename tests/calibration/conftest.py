@@ -1,8 +1,6 @@
-"""A synthetic IMU of its own (it shares no code with calibration or emulator), and the real recordings."""
+"""A synthetic IMU of its own: it shares no code with calibration or emulator."""
 
-import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -152,14 +150,3 @@ def pulls():
         return np.concatenate([of_matrix.ravel(), of_bias])
 
     return pulls_of
-
-
-@pytest.fixture(scope="session")
-def recorded_data() -> Path:
-    """Folder of the real recordings: TESTLOOM_DATA, else ../shared/data beside this checkout."""
-    named = os.environ.get("TESTLOOM_DATA")
-    root = Path(__file__).resolve().parents[2]
-    folder = Path(named) if named else root.parent / "shared" / "data"
-    if not (folder / "imucal_ferraris").is_dir():
-        pytest.skip(f"NO REAL RECORDINGS in {folder}: set TESTLOOM_DATA to their folder")
-    return folder

@@ -1,8 +1,6 @@
 """Each real set: what its notes say is there is found, and nothing is claimed that they rule out."""
 
 import functools
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from gap_diagnosis.diagnosis import diagnose
 from gap_diagnosis.errors import DiagnosisError
 from protocol.adapters.recording_forms import read_recording
+from tests.real_recordings import folder
 
 pytestmark = [pytest.mark.recorded]
 IMUCAL = tuple(
@@ -33,11 +32,7 @@ RULED_OUT = (
 
 @functools.cache
 def report(*names: str) -> dict[str, Any]:
-    named = os.environ.get("TESTLOOM_DATA")
-    folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip(f"NO REAL RECORDINGS in {folder}: set TESTLOOM_DATA to their folder")
-    return diagnose([read_recording(folder / name) for name in names]).document
+    return diagnose([read_recording(folder() / name) for name in names]).document
 
 
 def values(document: dict[str, Any], effect: str) -> dict[str, float]:

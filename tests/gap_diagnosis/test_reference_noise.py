@@ -1,8 +1,5 @@
 """References that are no test stands: what is claimed beside them, and what is not."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,9 +7,8 @@ from gap_diagnosis.diagnosis import diagnose
 from gap_diagnosis.reference_noise import reference_density
 from gap_diagnosis.switched_field import NAME
 from protocol.adapters.recording_forms import read_recording
+from tests.real_recordings import folder
 
-DATA = Path(os.environ.get("TESTLOOM_DATA", "/nonexistent"))
-needs_data = pytest.mark.skipif(not (DATA / "broad").is_dir(), reason="TESTLOOM_DATA has no recordings")
 PUBLISHED_UT = {
     "32-disturbed-attached-magnet-1cm": 58.0,
     "34-disturbed-attached-magnet-3cm": 13.5,
@@ -31,8 +27,8 @@ ITS_OWN_RATE = "29 % of the frames repeat the one before"
 57.1, 85.8 and 100.0 Hz, and the motion's images lie about them (07 turns at 2.2 Hz: 40.6 and 45.1 Hz)."""
 
 
-def diagnosed(folder: str) -> dict:
-    return diagnose([read_recording(DATA / folder)]).document
+def diagnosed(name: str) -> dict:
+    return diagnose([read_recording(folder() / name)]).document
 
 
 def test_the_density_is_that_of_white_noise() -> None:
@@ -49,7 +45,6 @@ def test_noise_between_two_rows_that_is_smooth_is_seen() -> None:
     assert found == pytest.approx(0.005**0.5, rel=0.2)
 
 
-@needs_data
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", PUBLISHED_UT)
 def test_a_magnet_brought_near_is_a_hard_iron_in_time(folder: str) -> None:
@@ -65,7 +60,6 @@ def test_a_magnet_brought_near_is_a_hard_iron_in_time(folder: str) -> None:
     assert report["shrinkage"]["fraction_closed"] > 0.8
 
 
-@needs_data
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", WITHOUT_MAGNET)
 def test_controls_show_the_gyros_lag_and_nothing_else(folder: str) -> None:
@@ -77,7 +71,6 @@ def test_controls_show_the_gyros_lag_and_nothing_else(folder: str) -> None:
     assert entry["parameters"]["delay_s"]["value"] == pytest.approx(GYRO_LAG_S, abs=2e-4)
 
 
-@needs_data
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", ["tumvi_room_imu_mocap/room1", "twistnsync_phone_mcu/twist"])
 def test_noise_of_the_reference_is_not_the_units(folder: str) -> None:

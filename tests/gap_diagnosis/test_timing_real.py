@@ -1,8 +1,5 @@
 """Clocks of real recordings against what their sources published (folder: TESTLOOM_DATA)."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,18 +9,14 @@ from gap_diagnosis.observation import Observation, TimingFinding
 from gap_diagnosis.observing import observe
 from protocol.folder_form import read_folder
 from protocol.recordings import Recording
+from tests.real_recordings import folder
 
 pytestmark = pytest.mark.recorded
 CERTAIN = 12.0
 
 
 def real(name: str) -> Recording:
-    """The folder is TESTLOOM_DATA, else ../shared/data beside this checkout."""
-    named = os.environ.get("TESTLOOM_DATA")
-    folder = Path(named) if named else Path(__file__).resolve().parents[3] / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip(f"NO REAL RECORDINGS in {folder}: set TESTLOOM_DATA to their folder")
-    return read_folder(folder / name)
+    return read_folder(folder() / name)
 
 
 def certain(observed: Observation) -> dict[tuple[str, str], TimingFinding]:
