@@ -93,8 +93,8 @@ def evaluate_eleven_point(recordings: tuple[Recording, ...]) -> MethodEvaluation
             why = say("far from the others of their point and stroke: used all the same, look at them")
             suspects.append(NotUsed(say("suspect readings of gyro {axis}", axis=letter), count, why))
     bounds = say(
-        "table good to {table} of the rate, voltmeter to {meter} of the reading (bounds, as in paper 4: the "
-        "recording does not tell)",
+        "table good to {table} of the rate, voltmeter to {meter} of the reading (bounds, as in Zhong, Zeng & "
+        "Li: the recording does not tell)",
         table=f"{TABLE_ACCURACY:g}",
         meter=f"{METER.reading_part:g}",
     )

@@ -85,8 +85,8 @@ def _schemes(network: ThermalNetwork, power_w: FloatArray) -> list[str]:
         clear = say("clearly") if verdict.clear else say("not clearly")
         sentences.append(
             say(
-                "hottest node {rise} ± {u} °C above the air: beside paper 2's figures ({source}) {clear} "
-                "'{scheme}' ({paper} °C), at the paper's power",
+                "hottest node {rise} ± {u} °C above the air: beside the figures of Liu, Hang, Li & Sun "
+                "({source}) {clear} '{scheme}' ({paper} °C), at their power",
                 rise=f"{rise[hottest]:.{places}f}",
                 u=f"{u[hottest]:.{places}f}",
                 source=source,
