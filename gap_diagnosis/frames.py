@@ -54,6 +54,19 @@ def frame_loss(rows: UnitRows, triads: dict[SensorName, UnitTriad]) -> tuple[Tim
     return tuple(findings)
 
 
+def repeated_frames(rows: UnitRows) -> tuple[BoolArray, TimingFinding | None]:
+    """Rows whose frame has the number of the one before, (n,); what the counter says of them."""
+    again: BoolArray = np.zeros(len(rows.time_s), dtype=bool)
+    if rows.counter is None:
+        return again, None
+    again[rows.row_of_sample[1:][np.diff(rows.counter) == 0]] = True
+    count, sent = int(again.sum()), len(rows.row_of_sample)
+    if not count:
+        return again, None
+    said = f"{count} of {sent} frames have the number of the one before: they were sent twice."
+    return again, _share("link.duplicate_frames", count, sent, (), count * PER_FRAME, said)
+
+
 def _loss(lost: int, sent: int, sensors: tuple[SensorName, ...], said: str) -> TimingFinding:
     return _share("link.frame_loss", lost, sent, sensors, lost * PER_FRAME, said)
 

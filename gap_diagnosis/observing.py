@@ -21,7 +21,14 @@ import numpy as np
 from gap_diagnosis.alignment import coarse_alignment, constant_delay, triad_of
 from gap_diagnosis.clipping import clipped
 from gap_diagnosis.errors import DiagnosisError
-from gap_diagnosis.frames import counter_wrap, duplicates, frame_loss, stamp_jumps, without_duplicates
+from gap_diagnosis.frames import (
+    counter_wrap,
+    duplicates,
+    frame_loss,
+    repeated_frames,
+    stamp_jumps,
+    without_duplicates,
+)
 from gap_diagnosis.held_values import held_channels
 from gap_diagnosis.holes import median_period_s
 from gap_diagnosis.observation import Observation, Oddity, SetAside, TimingFinding
@@ -109,6 +116,10 @@ def _frames(
 ) -> tuple[Observation, list[TimingFinding], list[SetAside]]:
     """What the frames show; copies, wrapped, held and stopped values are missing values from here on."""
     found, notes = list(frame_loss(unit.rows, unit.triads)), list[SetAside]()
+    again, twice = repeated_frames(unit.rows)
+    if twice is not None:
+        found.append(twice)
+        notes.append(SetAside("frames", int(again.sum()), "frames that were sent twice"))
     oddities: list[Oddity] = []
     outputs = dict(observation.outputs)
     for sensor, output in observation.outputs.items():
@@ -117,6 +128,9 @@ def _frames(
         output, wraps = counter_wrap(sensor, output)
         found += wraps
         notes += [SetAside(sensor, 0, wrap.description) for wrap in wraps]
+        if twice is not None:
+            values = np.where(again[:, np.newaxis], np.nan, output.values_si)
+            output = dataclasses.replace(output, values_si=values)
         copies = duplicates(sensor, output)
         if copies is not None and copies.log_likelihood_ratio > LEAST_LOG_RATIO:
             output, count = without_duplicates(output)

@@ -56,7 +56,7 @@ SHOWN_BY: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("stand.wobble", "stand.rate_ripple", "stand.encoder_eccentricity"),
                     ("staircase", "tumble")),
     "acc.shock_bias_shift": ("swing",),
-    "link.timestamp_jitter": _ROTATING,
+    **dict.fromkeys(("link.timestamp_jitter", "link.counter_wrap"), _ROTATING),
     **dict.fromkeys(("mag.white_noise", "mag.mains_interference", "gyro.magnetic_sensitivity"),
                     ("tumble", "swing")),
     "stand.level_drift": KINDS,

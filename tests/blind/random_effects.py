@@ -122,7 +122,10 @@ def _with_duplicates(rng: np.random.Generator, frames: Frames, noise: dict[str, 
 
 
 def _wrapped(rng: np.random.Generator, frames: Frames, noise: dict[str, ChannelNoise]) -> None:
-    frames.dut["counter"] = frames.dut["counter"] % 256
+    """Two's complement words that hold seven tenths of what the widest gyro has to say, to one digit."""
+    widest = max(TRIADS["gyro"], key=lambda channel: float(np.abs(frames.dut[channel]).max()))
+    half_span = float(f"{0.7 * float(np.abs(frames.dut[widest]).max()):.0e}")
+    frames.dut[widest] = (frames.dut[widest] + half_span) % (2 * half_span) - half_span
 
 
 def _coarse(triad: str) -> Callable[[np.random.Generator, Frames, dict[str, ChannelNoise]], None]:

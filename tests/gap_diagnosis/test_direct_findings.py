@@ -1,5 +1,6 @@
 """What the samples show by themselves: found with the right number, and never on clean recordings."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dut_emulator.recording.recorder import recorded
 from gap_diagnosis.direct_findings import certain_findings, oddities_of
 from gap_diagnosis.lattice import lattice_of
 from gap_diagnosis.observation import Observation, TimingFinding
@@ -168,6 +170,20 @@ def test_frames_that_repeat_are_the_links_and_a_channel_that_does_is_not() -> No
     assert not found(held)
     (said,) = odd(held)
     assert said.startswith("gyro_y holds its last value")
+
+
+def test_frames_that_were_sent_twice_are_told_by_their_number() -> None:
+    """With their time and values: nothing is lost, and nothing of it shows beside the prediction."""
+    recording = recorded("gnc_module", "static", rate_hz=50.0, values={"duration_s": 20.0})
+    stream = recording.streams["dut"]
+    again = np.random.default_rng(4).random(len(stream)) < 0.02
+    columns = {name: np.repeat(values, 1 + again) for name, values in stream.columns.items()}
+    twice = dataclasses.replace(stream, columns=columns)
+    observed = observe(dataclasses.replace(recording, streams={**recording.streams, "dut": twice}))
+    finding = found(observed)["link.duplicate_frames"]
+    assert finding.value == pytest.approx(again.sum() / len(columns["t"]))
+    missing = np.isnan(observed.outputs["gyro"].values_si).all(axis=1)
+    assert missing.sum() == again.sum()
 
 
 def counter(bits: int) -> Callable[[Samples], np.ndarray]:
