@@ -34,6 +34,6 @@ def with_enough_rows(observation: Observation, most: int = MAX_ROWS) -> Observat
     note = SetAside(
         "rows of a long record",
         left_out,
-        f"{share * WINDOW_S:.0f} s of each minute are enough",
+        f"of each minute {share * WINDOW_S:.0f} s are enough",
     )
     return dataclasses.replace(observation, usable=usable, set_aside=(*observation.set_aside, note))

@@ -87,7 +87,7 @@ def _other_period(unit: UnitSide) -> SetAside | None:
     ratio = 1.0 / (stated * unit.rows.period_s)
     if abs(ratio - 1.0) < SAME_RATE:
         return None
-    why = f"{1.0 / unit.rows.period_s:.6g} Hz by the stamps, {stated:g} Hz by the test; the stamps are used"
+    why = f"by the stamps {1.0 / unit.rows.period_s:.6g} Hz, by the test {stated:g} Hz; the stamps are used"
     return SetAside("sample rate", 0, why)
 
 

@@ -179,7 +179,9 @@ def shrinkage_entry(
 def not_used(found: Findings) -> list[str]:
     """A sentence for each lot of rows that was set aside."""
     return [
-        f"{one.recording_id}: {part.what}{f', {part.count} rows' if part.count else ''}: {part.why}"
+        f"{one.recording_id}: {part.what}, {part.count} rows: {part.why}"
+        if part.count
+        else f"About the {part.what} of {one.recording_id}: {part.why}"
         for one in found.prepared.observations
         for part in one.set_aside
     ]

@@ -150,7 +150,7 @@ def _with(
         for finding, line in zip(findings, lines, strict=True)
         if any((line.sensor, axis) in part.removed for axis in line.axes)
     )
-    notes = (SetAside("line", 0, finding.description.rstrip(".")) for finding in own)
+    notes = (SetAside("spectral line", 0, finding.description.rstrip(".")) for finding in own)
     return dataclasses.replace(
         one, outputs=outputs, timing=(*one.timing, *own), set_aside=(*one.set_aside, *notes)
     )

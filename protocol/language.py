@@ -19,7 +19,7 @@ PACKAGES_WITH_WORDS = (
 )
 MIN_OWN_WORDS = 5
 """Characters that a template must have beside its fields to be recognised in a sentence."""
-VERDICTS = frozenset({"agree", "clear", "source", "verdict"})
+VERDICTS = frozenset({"agree", "clear", "source", "verdict", "what"})
 """Fields that hold words even where they hold one only."""
 _PLAIN_FIELD = re.compile(r"\{([a-z_]+)\}")
 

@@ -192,7 +192,7 @@ def test_a_rate_other_than_stated_is_said() -> None:
     still = recorded("mems_ahrs", "static", values={"duration_s": 5.0}, seed=3, serial="U-0007")
     for stated, told in ((200.0, False), (100.0, True)):
         observed = observe(dataclasses.replace(still, test={**still.test, "rate_hz": stated}))
-        assert ("sample rate 0 200 Hz by the stamps, 100 Hz by the test" in said(observed)) == told
+        assert ("sample rate 0 by the stamps 200 Hz, by the test 100 Hz" in said(observed)) == told
 
 
 def test_plain_numbers_without_a_scale_are_not_guessed() -> None:
