@@ -17,7 +17,6 @@ DOUBT = 1e-3
 """One-sided: how seldom an engine that holds its goal may fail here."""
 
 pytestmark = [
-    pytest.mark.slow,
     pytest.mark.timeout(900),
     pytest.mark.skipif(ENGINE is None, reason="there is no gap_diagnosis.diagnosis yet: nothing to check"),
 ]
@@ -36,8 +35,8 @@ def test_the_quick_set_is_within_its_bounds(tmp_path: Path) -> None:
     """No more false claims than chance allows; the first name as often right as the oracle's, nearly."""
     out, labels, verdicts = (tmp_path / name for name in ("cases", "labels", "verdicts"))
     for words in (
-        ("generate", "--quick", "--seed", SEED, "--out", out, "--labels", labels),
-        ("diagnose", "--out", out, "--verdicts", verdicts),
+        ("generate", "--quick", "--seed", SEED, "--out", out, "--labels", labels, "--workers", 1),
+        ("diagnose", "--out", out, "--verdicts", verdicts, "--workers", 1),
     ):
         subprocess.run([sys.executable, "-m", "tests.blind", *map(str, words)], check=True, cwd=ROOT)
     cases = opened(out, labels, verdicts)
