@@ -9,9 +9,9 @@ from gap_diagnosis.cohort import CohortFindings, EffectFindings, ParameterFindin
 from gap_diagnosis.cohort_picture import parameter_svg, stand_colours
 from gap_diagnosis.cohort_words import assigned_words, level_words
 from gap_diagnosis.field_units import field_quantity, field_unit, number, unit_sign
-from gap_diagnosis.report_style import STYLE_SHEET
-from gap_diagnosis.report_words import effect_words, percent, verdict_name
-from protocol.language import chosen_language, say, translated
+from gap_diagnosis.page_markup import bar, cards, page, section
+from gap_diagnosis.report_words import effect_words, verdict_name
+from protocol.language import say, translated
 
 MAX_PARAMETERS = 6
 MAX_ROWS = 500
@@ -31,41 +31,13 @@ def cohort_html(findings: CohortFindings, document: Mapping[str, Any]) -> str:
         f"<header><h1>{escape(title)}</h1><div class=said><p>"
         f"{escape(say('{units} units, {stands} stands, {mounts} mounts', **told))}</p></div></header>",
         _summary((*findings.effects, *findings.constants)),
-        _section(say("Causes that diagnoses found"), findings.effects, stands),
-        _section(say("Constants of mounts and stands"), findings.constants, stands),
+        _effects(say("Causes that diagnoses found"), findings.effects, stands),
+        _effects(say("Constants of mounts and stands"), findings.constants, stands),
         _pairs(findings),
         _units(document["units"]),
         _left_out(document["left_out"]),
     ]
-    return (
-        f'<!DOCTYPE html>\n<html lang="{chosen_language()}">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{STYLE_SHEET}</style>\n</head>\n<body>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</body>\n</html>\n"
-    )
-
-
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """`rows` are HTML already."""
-    head = "".join(f"<th>{escape(one)}</th>" for one in headings)
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f'<td data-is="{escape(heading)}">{cell}</td>'
-            for heading, cell in zip(headings, row, strict=True)
-        )
-        + "</tr>"
-        for row in rows
-    )
-    return f"<table class=cards><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _bar(share: float) -> str:
-    return (
-        f'<span class=bar><i style="width:{100.0 * share:.0f}%"></i></span> '
-        f"<span class=chance>{percent(share)}</span>"
-    )
+    return page(title, parts)
 
 
 def _summary(effects: Sequence[EffectFindings]) -> str:
@@ -75,7 +47,7 @@ def _summary(effects: Sequence[EffectFindings]) -> str:
     further: list[str] = []
     for one in effects:
         chances = "<br>".join(
-            f"{_bar(p)} {escape(level_words(name))}"
+            f"{bar(p)} {escape(level_words(name))}"
             for name, p in sorted(one.probabilities.items(), key=lambda item: -item[1])
             if p >= SHOWN_FROM
         )
@@ -83,24 +55,24 @@ def _summary(effects: Sequence[EffectFindings]) -> str:
         further += remarks(one)
     more = "".join(f"<li>{escape(say(sentence))}</li>" for sentence in dict.fromkeys(further))
     listed = f"<h3>{escape(say('What would tell them apart'))}</h3><ul>{more}</ul>" if more else ""
-    return _table([say("Cause"), say("Level"), say("Probability")], rows) + listed
+    return cards([say("Cause"), say("Level"), say("Probability")], rows) + listed
 
 
-def _section(heading: str, effects: Sequence[EffectFindings], stands: Sequence[str]) -> str:
+def _effects(heading: str, effects: Sequence[EffectFindings], stands: Sequence[str]) -> str:
     if not effects:
         return ""
     legend = "".join(
         f'<span><i style="border-top:3px solid {colour}"></i>{escape(name or "–")}</span>'
         for name, colour in stand_colours(stands).items()
     )
-    parts = [f"<section><h2>{escape(heading)}</h2><p class=legend>{legend}</p>"]
+    parts = [f"<p class=legend>{legend}</p>"]
     for one in effects:
         clear = sorted(one.parameters, key=lambda p: (p.parts.nothing, -p.parts.log_evidence))
         parts.append(f"<h3>{escape(effect_words(one.effect))}: {escape(assigned_words(one))}</h3>")
         parts.append("<div class=figures>")
         parts += [_parameter(parameter, stands) for parameter in clear[:MAX_PARAMETERS]]
         parts.append("</div>")
-    return "".join(parts) + "</section>"
+    return section(heading, "".join(parts))
 
 
 def _parameter(one: ParameterFindings, stands: Sequence[str]) -> str:
@@ -113,9 +85,9 @@ def _parameter(one: ParameterFindings, stands: Sequence[str]) -> str:
         names = ", ".join(level_words(level) for level in part.levels)
         low, high = (number(factor * end) for end in part.interval95)
         deviation = f"{number(factor * part.deviation)} ({low} … {high}) {unit_sign(unit)}"
-        rows.append([escape(names), _bar(part.mean_square / total if total > 0 else 0.0), escape(deviation)])
+        rows.append([escape(names), bar(part.mean_square / total if total > 0 else 0.0), escape(deviation)])
     name = " ".join(text for text in (one.sensor, one.name) if text)
-    table = _table([say("Level"), say("Share of the variance"), say("Standard deviation (95 %)")], rows)
+    table = cards([say("Level"), say("Share of the variance"), say("Standard deviation (95 %)")], rows)
     return f"<figure>{parameter_svg(one, stands)}<figcaption>{escape(name)}</figcaption>{table}</figure>"
 
 
@@ -147,11 +119,8 @@ def _pairs(findings: CohortFindings) -> str:
         say("p of what is left"),
     ]
     remark = say("The rotation between two mounts that gyro and accelerometer have in common.")
-    return (
-        f"<section><h2>{escape(say('Mount against mount'))}</h2><p class=remark>{escape(remark)}</p>"
-        + _table(headings, rows)
-        + "</section>"
-    )
+    table = f"<p class=remark>{escape(remark)}</p>{cards(headings, rows)}"
+    return section(say("Mount against mount"), table)
 
 
 def _units(units: Sequence[Mapping[str, Any]]) -> str:
@@ -167,7 +136,7 @@ def _units(units: Sequence[Mapping[str, Any]]) -> str:
         for one in units[:MAX_ROWS]
     ]
     headings = [say("Serial number"), say("Verdict"), say("Effects found"), ""]
-    return f"<section><h2>{escape(say('Units and their reports'))}</h2>{_table(headings, rows)}</section>"
+    return section(say("Units and their reports"), cards(headings, rows))
 
 
 def _left_out(entries: Sequence[Mapping[str, str]]) -> str:
@@ -177,4 +146,4 @@ def _left_out(entries: Sequence[Mapping[str, str]]) -> str:
         f"<li><code>{escape(one['what'])}</code> {escape(translated(one['why']))}</li>"
         for one in entries[:MAX_ROWS]
     )
-    return f"<section><h2>{escape(say('Left out'))}</h2><ul>{items}</ul></section>"
+    return section(say("Left out"), f"<ul>{items}</ul>")

@@ -9,10 +9,11 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from gap_diagnosis.field_units import number, unit_sign
+from gap_diagnosis.page_markup import bar, cards, page, section
 from gap_diagnosis.report import GapReport, HeatCell, ResidualSeries, Spectrum
 from gap_diagnosis.report_document import ReportDocument, Shrinkage
 from gap_diagnosis.report_pictures import Picture, legend_colours
-from gap_diagnosis.report_style import STYLE_SHEET, VERDICT_COLOURS, heat_colour
+from gap_diagnosis.report_style import VERDICT_COLOURS, heat_colour
 from gap_diagnosis.report_words import (
     KINDS,
     channel_words,
@@ -20,7 +21,6 @@ from gap_diagnosis.report_words import (
     closed_words,
     effect_words,
     parameter_lines,
-    percent,
     regime_words,
     set_words,
     span_words,
@@ -28,7 +28,7 @@ from gap_diagnosis.report_words import (
     verdict_sentences,
     verdict_words,
 )
-from protocol.language import chosen_language, say, translated
+from protocol.language import say, translated
 
 MAX_PLACES, MAX_RANKED = 20, 12
 SIGNIFICANT = 0.05
@@ -54,13 +54,7 @@ def report_html(report: GapReport, document: ReportDocument, drawn: Sequence[Pic
         _rests_on(document),
     )
     title = say("Gap report: {verdict}", verdict=verdict_words(document))
-    return (
-        f'<!DOCTYPE html>\n<html lang="{chosen_language()}">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>\n{STYLE_SHEET}</style>\n</head>\n<body>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</body>\n</html>\n"
-    )
+    return page(title, parts)
 
 
 def _verdict(document: ReportDocument) -> str:
@@ -105,7 +99,7 @@ def _where(document: ReportDocument, heat: Sequence[HeatCell]) -> str:
         "after all cells were looked at (p < 0.05)."
     )
     legend = f"<p class=remark>{escape(note)}</p>" if maps else ""
-    return _section(say("Where the gap lies"), maps + legend + table + remark)
+    return section(say("Where the gap lies"), maps + legend + table + remark)
 
 
 def _heat_map(variable: str, cells: Sequence[HeatCell]) -> str:
@@ -143,7 +137,7 @@ def _which(document: ReportDocument) -> str:
     rows = [
         (
             f"<div><b>{escape(effect_words(entry.effect))}</b><br><code>{escape(entry.effect)}</code></div>",
-            _bar(entry.probability),
+            bar(entry.probability),
             escape(channels_words(entry.channels)),
             _lines(parameter_lines(entry)),
             _lines([effect_words(name) for name in entry.confusable_with]),
@@ -157,14 +151,13 @@ def _which(document: ReportDocument) -> str:
         say("Parameters, value ± standard uncertainty"),
         say("This test cannot tell it from"),
     )
-    sets = [(escape(set_words(one.effects)), _bar(one.probability)) for one in document.sets[:MAX_RANKED]]
+    sets = [(escape(set_words(one.effects)), bar(one.probability)) for one in document.sets[:MAX_RANKED]]
     together = (
-        f"<h3>{escape(say('What acts together'))}</h3>"
-        + _raw_table((say("Effect"), say("Probability")), sets)
+        f"<h3>{escape(say('What acts together'))}</h3>" + cards((say("Effect"), say("Probability")), sets)
         if sets
         else ""
     )
-    return _section(say("Which effect causes it"), _raw_table(headings, rows) + together)
+    return section(say("Which effect causes it"), cards(headings, rows) + together)
 
 
 def _shrinkage(document: ReportDocument) -> str:
@@ -203,7 +196,7 @@ def _shrinkage(document: ReportDocument) -> str:
     )
     body = f"{closed}<p>{escape(told)} {escape(judged)}</p>{_table(headings, rows)}"
     body += f"<p class=remark>{escape(note)}</p>"
-    return _section(say("How far it shrinks"), body)
+    return section(say("How far it shrinks"), body)
 
 
 def _parts(shrinkage: Shrinkage) -> str:
@@ -220,7 +213,7 @@ def _residuals(drawn: Sequence[Picture], known: int) -> str:
         return ""
     left = known - len(figures)
     words = say("{count} more that changed less are not drawn.", count=left) if left else ""
-    return _section(say("Residuals before and after"), _legend(2) + _figures(figures, words))
+    return section(say("Residuals before and after"), _legend(2) + _figures(figures, words))
 
 
 def _spectra(drawn: Sequence[Picture]) -> str:
@@ -232,7 +225,7 @@ def _spectra(drawn: Sequence[Picture]) -> str:
     ]
     if not figures:
         return ""
-    return _section(say("Noise: seen and believed"), _legend(3) + _figures(figures, ""))
+    return section(say("Noise: seen and believed"), _legend(3) + _figures(figures, ""))
 
 
 def _legend(count: int) -> str:
@@ -259,14 +252,14 @@ def _not_used(sentences: Sequence[str]) -> str:
         body = f"<p>{escape(say('Everything in the data was used.'))}</p>"
     else:
         body = "<ul>" + "".join(f"<li>{escape(translated(one))}</li>" for one in listed) + "</ul>"
-    return _section(say("What could not be used"), body)
+    return section(say("What could not be used"), body)
 
 
 def _next_test(document: ReportDocument) -> str:
     test = document.next_test
     if test is None:
         text = say("No test of this product's promises to tell more.")
-        return _section(say("The next test"), f"<p>{escape(text)}</p>")
+        return section(say("The next test"), f"<p>{escape(text)}</p>")
     told = say(
         "{profile}, {minutes} min: {bits} bits of information expected.",
         profile=test.profile,
@@ -295,7 +288,7 @@ def _next_test(document: ReportDocument) -> str:
     headings = (say("Profile"), say("Minutes"), say("Expected bits"), say("Bits per minute"))
     body = f"<p><b>{escape(told)}</b></p>" + (f"<p><code>{escape(settings)}</code></p>" if settings else "")
     body += f"<p>{escape(why)}</p>" + (_table(headings, rows) if rows else "")
-    return _section(say("The next test"), body)
+    return section(say("The next test"), body)
 
 
 def _rests_on(document: ReportDocument) -> str:
@@ -308,40 +301,15 @@ def _rests_on(document: ReportDocument) -> str:
     held = document.shrinkage.held_out if document.shrinkage else ()
     parts = ", ".join(translated(part) for part in held)
     told = say("Held out from the fit, to judge it: {parts}.", parts=parts) if parts else ""
-    return _section(say("What it rests on"), table + (f"<p>{escape(told)}</p>" if told else ""))
-
-
-def _section(title: str, body: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{body}</section>"
+    return section(say("What it rests on"), table + (f"<p>{escape(told)}</p>" if told else ""))
 
 
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    return _raw_table(headings, [[escape(cell) for cell in row] for row in rows])
-
-
-def _raw_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Cells are markup already. On a phone each row is a card: every cell says what it is."""
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f'<td data-is="{escape(heading)}">{cell}</td>'
-            for heading, cell in zip(headings, row, strict=True)
-        )
-        + "</tr>"
-        for row in rows
-    )
-    return f"<table class=cards><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return cards(headings, [[escape(cell) for cell in row] for row in rows])
 
 
 def _lines(lines: Sequence[str]) -> str:
     return "<div>" + ("<br>".join(escape(line) for line in lines) or "–") + "</div>"
-
-
-def _bar(probability: float) -> str:
-    width = round(100 * probability)
-    bar = f'<span class=bar><i style="width:{width}%"></i></span>'
-    return f"<span class=chance>{bar} {escape(percent(probability))}</span>"
 
 
 def _p(value: float) -> str:
